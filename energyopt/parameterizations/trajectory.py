@@ -1,0 +1,165 @@
+"""Trajectory: a motion q(t) on [0, T], a callable that gives any derivative at any times.
+
+Every motion in energyopt (plans, baselines, guesses) is one of the classes of this file, so that everything
+that judges or draws a motion needs only `traj(t, order)`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from scipy.interpolate import BSpline as ScipySpline
+from scipy.interpolate import PPoly
+
+
+class Trajectory(ABC):
+    """A motion of nv joints over [0, duration] seconds.
+
+    Attributes:
+        kind: name under which `trajectory_from_arrays` makes it again.
+        duration: T [s].
+        nv: number of joints.
+        breaks: times [s], 0 and T among them, between which the motion is smooth; shape (K + 1,).
+    """
+
+    kind: str
+    duration: float
+    nv: int
+    breaks: np.ndarray
+
+    def __call__(self, t: np.ndarray | float, order: int = 0) -> np.ndarray:
+        """The derivative of the given order at the times ``t`` [s], clamped to [0, T].
+
+        Args:
+            t: times, shape (N,), or one time.
+            order: 0 position [rad], 1 velocity, 2 acceleration, 3 jerk.
+
+        Returns:
+            shape (N, nv), or (nv,) for one time.
+        """
+        times = np.asarray(t, dtype=float)
+        flat = np.clip(np.atleast_1d(times), 0.0, self.duration)
+        return self._evaluate(flat, order).reshape(times.shape + (self.nv,))
+
+    @abstractmethod
+    def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray: ...
+
+    @abstractmethod
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """The numbers that define the motion exactly (for saving)."""
+
+    def sample_times(self, per_span: int = 20) -> np.ndarray:
+        """A dense grid: ``per_span`` + 1 evenly spaced times in every smooth span, shared ends once."""
+        spans = np.linspace(self.breaks[:-1], self.breaks[1:], per_span + 1, axis=1)
+        return np.append(spans[:, :-1].ravel(), self.duration)
+
+    def quadrature(self, per_span: int = 6) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss–Legendre times and weights over all smooth spans; exact to degree 2·per_span − 1 in each."""
+        x, w = np.polynomial.legendre.leggauss(per_span)
+        half = 0.5 * np.diff(self.breaks)[:, None]
+        middle = 0.5 * (self.breaks[1:] + self.breaks[:-1])[:, None]
+        return (middle + half * x).ravel(), (half * w).ravel()
+
+
+class SplineTrajectory(Trajectory):
+    """A B-spline: Σ c_j B_j(t) with a clamped knot vector (C. de Boor, "A Practical Guide to Splines", 1978)."""
+
+    kind = "bspline"
+
+    def __init__(self, knots: np.ndarray, coefficients: np.ndarray, degree: int):
+        self.spline = ScipySpline(np.asarray(knots, float), np.asarray(coefficients, float), degree)
+        self.degree = degree
+        self.breaks = np.unique(self.spline.t)
+        self.duration = float(self.breaks[-1])
+        self.nv = self.spline.c.shape[1]
+        self._derivatives = {0: self.spline}
+
+    def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
+        if order > self.degree:
+            return np.zeros((t.size, self.nv))
+        if order not in self._derivatives:
+            self._derivatives[order] = self.spline.derivative(order)
+        return self._derivatives[order](t)
+
+    def polynomial_pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """The spline as a + b t + c t² + d t³ … on each span, t counted from the span's start.
+
+        Returns:
+            breaks: shape (K + 1,) [s]; coefficients: shape (K, degree + 1, nv), ascending powers.
+        """
+        starts = self.breaks[:-1]
+        factorial = np.cumprod([1.0] + [float(k) for k in range(1, self.degree + 1)])
+        pieces = [self._evaluate(starts, k) / factorial[k] for k in range(self.degree + 1)]
+        return self.breaks, np.stack(pieces, axis=1)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        return {"knots": self.spline.t, "coefficients": self.spline.c, "degree": np.array(self.degree)}
+
+
+class PolynomialTrajectory(Trajectory):
+    """Piecewise polynomials on given breaks, ascending powers of the time since the start of the piece."""
+
+    kind = "polynomial"
+
+    def __init__(self, breaks: np.ndarray, coefficients: np.ndarray):
+        """``breaks`` [s] has shape (K + 1,), ``coefficients`` (K, degree + 1, nv)."""
+        self.breaks = np.asarray(breaks, float)
+        self.coefficients = np.asarray(coefficients, float)
+        self.duration = float(self.breaks[-1])
+        self.nv = self.coefficients.shape[2]
+        self._pieces = {0: PPoly(self.coefficients[:, ::-1].transpose(1, 0, 2), self.breaks)}
+
+    def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
+        if order not in self._pieces:
+            self._pieces[order] = self._pieces[0].derivative(order)
+        return self._pieces[order](t)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        return {"breaks": self.breaks, "coefficients": self.coefficients}
+
+
+class SinusoidTrajectory(Trajectory):
+    """Polynomial part plus Fourier series: q(t) = Σ_k P_k s^k + Σ_h (A_h sin 2πhs + B_h cos 2πhs), s = t/T.
+
+    A cycloid is q₀ + Δq (s − sin 2πs / 2π): P = (q₀, Δq), A₁ = −Δq/2π.
+    """
+
+    kind = "sinusoid"
+
+    def __init__(self, duration: float, polynomial: np.ndarray, sine: np.ndarray, cosine: np.ndarray):
+        """``polynomial`` has shape (degree + 1, nv), ascending; ``sine`` and ``cosine`` (H, nv) for h = 1 … H."""
+        self.duration = float(duration)
+        self.polynomial, self.sine, self.cosine = (np.asarray(x, float) for x in (polynomial, sine, cosine))
+        self.nv = self.polynomial.shape[1]
+        harmonics = max(1, len(self.sine))
+        self.breaks = np.linspace(0.0, self.duration, 4 * harmonics + 1)
+
+    def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
+        s = t / self.duration
+        power = np.polynomial.polynomial.polyder(self.polynomial, order) if order else self.polynomial
+        omega = 2.0 * np.pi * np.arange(1, len(self.sine) + 1)
+        phase = s[:, None] * omega + order * np.pi / 2.0
+        scale = omega**order
+        value = np.polynomial.polynomial.polyval(s, power).T
+        value = value + (np.sin(phase) * scale) @ self.sine + (np.cos(phase) * scale) @ self.cosine
+        return value / self.duration**order
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        return {
+            "duration": np.array(self.duration),
+            "polynomial": self.polynomial,
+            "sine": self.sine,
+            "cosine": self.cosine,
+        }
+
+
+def trajectory_from_arrays(kind: str, arrays: dict[str, np.ndarray]) -> Trajectory:
+    """Make the trajectory whose `to_arrays` gave ``arrays``; the numbers are the same bit for bit."""
+    if kind == SplineTrajectory.kind:
+        return SplineTrajectory(arrays["knots"], arrays["coefficients"], int(arrays["degree"]))
+    if kind == PolynomialTrajectory.kind:
+        return PolynomialTrajectory(arrays["breaks"], arrays["coefficients"])
+    if kind == SinusoidTrajectory.kind:
+        return SinusoidTrajectory(float(arrays["duration"]), arrays["polynomial"], arrays["sine"], arrays["cosine"])
+    raise ValueError(f"unknown kind of trajectory '{kind}'")

@@ -1,0 +1,124 @@
+"""RobotModel: an arm with its dynamics, frames and limits. Immutable; made by `load_robot`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from energyopt.dynamics.body import Dynamics
+from energyopt.errors import RobotError
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Joint limits in SI units; an entry is ±inf where nothing limits.
+
+    Attributes:
+        lower, upper: position [rad], shape (nv,).
+        velocity: |q̇| [rad/s]; acceleration: |q̈| [rad/s²]; jerk: |d³q/dt³| [rad/s³];
+        torque: |τ| [N·m]; torque_rate: |dτ/dt| [N·m/s]; each of shape (nv,).
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    acceleration: np.ndarray
+    jerk: np.ndarray
+    torque_rate: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A fixed-base arm whose nv joints each have one degree of freedom.
+
+    Attributes:
+        name: catalogue name, or the name in the URDF.
+        dynamics: numeric dynamics (armature, friction, payload and gravity included).
+        limits: joint limits.
+        urdf: the prepared URDF text that every engine reads: locked joints are fixed, continuous joints
+            revolute with a stated range, mimic joints resolved, the payload attached as a link.
+        package_dirs: folders in which ``package://`` mesh paths of ``urdf`` are resolved.
+        tool_frame: frame whose tracking error is reported.
+        notes: what loading changed or assumed, one sentence each.
+    """
+
+    name: str
+    dynamics: Dynamics
+    limits: Limits
+    urdf: str
+    package_dirs: tuple[Path, ...] = ()
+    tool_frame: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def model(self) -> pin.Model:
+        return self.dynamics.model
+
+    @property
+    def nv(self) -> int:
+        return self.dynamics.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(self.model.names[1:])
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(f.name for f in self.model.frames))
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Joint torques [N·m] by numeric Pinocchio; ``q``, ``v``, ``a`` and the result have shape (N, nv) or (nv,)."""
+        return self.dynamics.torque(q, v, a)
+
+    def placement(self, frame: str, q: np.ndarray) -> pin.SE3:
+        """world_T_frame at the configuration ``q`` (nv,)."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, np.asarray(q, dtype=float))
+        return pin.updateFramePlacement(self.model, data, self.frame_id(frame))
+
+    def frame_id(self, frame: str) -> int:
+        """Index of a frame by name; links are preferred where a link and a joint share the name.
+
+        Raises:
+            RobotError: no such frame; the message lists the nearest names.
+        """
+        matches = [i for i, f in enumerate(self.model.frames) if f.name == frame]
+        if not matches:
+            import difflib
+
+            near = difflib.get_close_matches(frame, self.frame_names, n=5, cutoff=0.3)
+            raise RobotError(f"{self.name}: no frame named '{frame}'; did you mean one of {', '.join(near or self.frame_names[:8])}?")
+        return max(matches, key=lambda i: self.model.frames[i].type == pin.FrameType.BODY)
+
+    @cached_property
+    def inverse_dynamics(self) -> casadi.Function:
+        """CasADi function (q, v, a) → tau with everything `torque` includes."""
+        from energyopt.dynamics.symbolic import inverse_dynamics
+
+        return inverse_dynamics(self.dynamics)
+
+    @cached_property
+    def mass_matrix(self) -> casadi.Function:
+        """CasADi function (q) → M(q) + armature, shape (nv, nv)."""
+        from energyopt.dynamics.symbolic import mass_matrix
+
+        return mass_matrix(self.dynamics)
+
+    def frame_placement(self, frame: str) -> casadi.Function:
+        """CasADi function (q) → R (3×3), p (3,): world_T_frame."""
+        from energyopt.dynamics.symbolic import frame_placement
+
+        return frame_placement(self.model, self.frame_id(frame))
+
+    def with_limits(self, **changes: np.ndarray) -> RobotModel:
+        """The same robot with some fields of its `Limits` replaced."""
+        return replace(self, limits=replace(self.limits, **changes))
