@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from energyopt.plan import Plan
+    from energyopt.plans import Plan
 
 
 class EnergyOptError(Exception):
