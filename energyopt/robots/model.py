@@ -49,6 +49,9 @@ class RobotModel:
         package_dirs: folders in which ``package://`` mesh paths of ``urdf`` are resolved.
         tool_frame: frame whose tracking error is reported.
         notes: what loading changed or assumed, one sentence each.
+        home: a resting configuration inside the limits [rad or m], shape (nv,).
+        source: the URDF file the robot came from; relative mesh paths start there.
+        srdf: semantic description (pairs of links that may touch), where one was found.
     """
 
     name: str
@@ -58,6 +61,9 @@ class RobotModel:
     package_dirs: tuple[Path, ...] = ()
     tool_frame: str = ""
     notes: tuple[str, ...] = field(default=())
+    home: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    source: Path | None = None
+    srdf: Path | None = None
 
     @property
     def model(self) -> pin.Model:

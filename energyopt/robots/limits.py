@@ -1,0 +1,158 @@
+"""Joint limits: what the URDF states, what the caller states in its place, and what neither does.
+
+Position, velocity and torque limits must come from one of the two: a URDF that says 0, or nothing, means "not known",
+and planning needs them. Acceleration, jerk and torque rate are unlimited (∞) unless given.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from energyopt.errors import RobotError
+from energyopt.robots.model import Limits
+from energyopt.robots.preparation import did_you_mean
+from energyopt.robots.urdf_xml import numbers
+
+FROM_URDF = {"velocity": "velocity", "torque": "effort"}
+SCALABLE = ("velocity", "torque", "acceleration", "jerk", "torque_rate")
+UNLIMITED = 1e9
+"""How an infinite velocity or torque limit is written into a URDF, which knows no infinity."""
+
+
+def joint_values(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], default: ArrayLike, where: str) -> np.ndarray:
+    """One number a joint, from one number for all, a sequence in joint order, or a dict by joint name.
+
+    Args:
+        key: argument name, for messages.
+        value: what the caller gave.
+        names: joint names, in order.
+        default: values of the joints a dict leaves out, shape (nv,).
+
+    Raises:
+        RobotError: wrong count, unknown joint, not a number.
+    """
+    if isinstance(value, Mapping):
+        unknown = [n for n in value if n not in names]
+        if unknown:
+            raise RobotError(f"{where}: {key}: no moving joint named '{unknown[0]}'; {did_you_mean(str(unknown[0]), names)}")
+        value = [value.get(name, old) for name, old in zip(names, np.broadcast_to(default, len(names)), strict=True)]
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise RobotError(f"{where}: {key} is {value!r:.100}; expected one number, {len(names)} numbers, or a dict by joint name") from None
+    if array.ndim == 0:
+        array = np.full(len(names), float(array))
+    if array.shape != (len(names),):
+        raise RobotError(f"{where}: {key} has shape {array.shape}; expected {len(names)} numbers, for {', '.join(names)}")
+    for name, number in zip(names, array, strict=True):
+        if np.isnan(number):
+            raise RobotError(f"{where}: {key} of joint '{name}' is nan; expected a number")
+    array.flags.writeable = False
+    return array
+
+
+def non_negative(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], where: str) -> np.ndarray:
+    """Like `joint_values`, and every number finite and ≥ 0."""
+    array = joint_values(key, value, names, 0.0, where)
+    for name, number in zip(names, array, strict=True):
+        if not 0 <= number < np.inf:
+            raise RobotError(f"{where}: {key} of joint '{name}' is {number:g}; expected a finite number ≥ 0")
+    return array
+
+
+def build_limits(
+    root: ET.Element, names: Sequence[str], given: Mapping[str, ArrayLike | None], scale: Mapping[str, ArrayLike] | None, where: str
+) -> Limits:
+    """The limits in force.
+
+    Args:
+        root: prepared URDF.
+        names: joint names, in model order.
+        given: "position" (a pair), "velocity", "torque", "acceleration", "jerk", "torque_rate"; None means the URDF's own.
+        scale: factors by kind, applied last.
+
+    Raises:
+        RobotError: a limit is missing, inverted, zero, negative or NaN; names the joint, the value and the remedy.
+    """
+    joints = {j.get("name"): j for j in root.findall("joint")}
+    limit = [joints[n].find("limit") for n in names]
+    lower, upper = _positions(limit, names, given.get("position"), where)
+    own = {}
+    for kind in SCALABLE:
+        attribute = FROM_URDF.get(kind)
+        stated = np.array([numbers(x, attribute, "0")[0] for x in limit]) if attribute else np.full(len(names), np.inf)
+        value = given.get(kind)
+        array = stated if value is None else joint_values(f"{kind}_limits", value, names, stated, where)
+        own[kind] = _checked(kind, array, names, value is None and attribute or "", where)
+    for kind, factor in (scale or {}).items():
+        if kind not in SCALABLE:
+            raise RobotError(f"{where}: limit_scale: no limit '{kind}' to scale; expected {', '.join(SCALABLE)}")
+        factors = joint_values(f"limit_scale['{kind}']", factor, names, 1.0, where)
+        if not (np.isfinite(factors).all() and (factors > 0).all()):
+            raise RobotError(f"{where}: limit_scale['{kind}'] is {factors.tolist()}; expected positive factors")
+        own[kind] = _frozen(own[kind] * factors)
+    return Limits(lower=lower, upper=upper, **own)
+
+
+def write_limits(root: ET.Element, names: Sequence[str], limits: Limits) -> None:
+    """Write the limits in force into the URDF, in place, so that every engine reads the same."""
+    joints = {j.get("name"): j for j in root.findall("joint")}
+    for i, name in enumerate(names):
+        limit = joints[name].find("limit")
+        limit = ET.SubElement(joints[name], "limit") if limit is None else limit
+        limit.attrib.clear()
+        for key, value in (("lower", limits.lower), ("upper", limits.upper), ("effort", limits.torque), ("velocity", limits.velocity)):
+            limit.set(key, repr(float(min(value[i], UNLIMITED))))
+
+
+def _positions(limit: Sequence, names: Sequence[str], given: ArrayLike | None, where: str) -> tuple[np.ndarray, np.ndarray]:
+    lower, upper = (np.array([numbers(x, key, "0")[0] for x in limit]) for key in ("lower", "upper"))
+    if given is not None:
+        lower, upper = _given_positions(given, names, lower, upper, where)
+    for name, low, high in zip(names, lower, upper, strict=True):
+        remedy = f"expected lower < upper; correct the file, or give position_limits={{'{name}': (lower, upper)}}"
+        if low == 0 and high == 0:
+            raise RobotError(f"{where}: joint '{name}': position limits are missing (lower = upper = 0); {remedy}")
+        if not low < high:
+            raise RobotError(f"{where}: joint '{name}': position limits are inverted or empty ({low:g} to {high:g}); {remedy}")
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise RobotError(f"{where}: joint '{name}': position limits {low:g} to {high:g} are not finite; state a range, such as ±6.28")
+    return _frozen(lower), _frozen(upper)
+
+
+def _given_positions(given: ArrayLike, names: Sequence[str], lower: np.ndarray, upper: np.ndarray, where: str):
+    if isinstance(given, Mapping):
+        try:
+            pairs = {name: (low, high) for name, (low, high) in given.items()}
+        except (TypeError, ValueError):
+            raise RobotError(f"{where}: position_limits is {given!r:.100}; expected a pair (lower, upper) for each joint") from None
+        sides = ({n: p[k] for n, p in pairs.items()} for k in (0, 1))
+    else:
+        try:
+            sides = iter(given)
+            low, high = sides
+            sides = iter((low, high))
+        except (TypeError, ValueError):
+            raise RobotError(f"{where}: position_limits is {given!r:.100}; expected a pair (lower, upper) or a dict by joint name") from None
+    low, high = sides
+    return tuple(joint_values(f"position_limits ({k})", v, names, d, where) for k, v, d in (("lower", low, lower), ("upper", high, upper)))
+
+
+def _checked(kind: str, array: np.ndarray, names: Sequence[str], attribute: str, where: str) -> np.ndarray:
+    for name, number in zip(names, array, strict=True):
+        if number > 0:
+            continue
+        place = f'<limit {attribute}="{number:g}">' if attribute else f"{kind}_limits {number:g}"
+        remedy = f"correct the file, or give {kind}_limits={{'{name}': …}}" if attribute else "expected a positive number"
+        raise RobotError(f"{where}: joint '{name}': {place} allows no {'motion' if kind == 'velocity' else kind}; {remedy}")
+    return _frozen(array)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array = np.array(array, dtype=float)
+    array.flags.writeable = False
+    return array

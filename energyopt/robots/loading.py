@@ -1,0 +1,279 @@
+"""`load_robot`: from a name or a URDF to a checked RobotModel."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from energyopt.dynamics.body import COULOMB_SMOOTHING, Dynamics
+from energyopt.errors import RobotError
+from energyopt.robots import preparation as prepare
+from energyopt.robots.catalogue import CATALOGUE, CatalogueEntry, find_entry, robots_folder
+from energyopt.robots.limits import build_limits, joint_values, non_negative, write_limits
+from energyopt.robots.lint import lint_bodies, lint_links, lint_mass_matrix, normalise_axes
+from energyopt.robots.meshes import declared_package_dirs, default_package_dirs, lint_meshes
+from energyopt.robots.model import Limits, RobotModel
+from energyopt.robots.payload import Payload
+from energyopt.robots.urdf_xml import child_link, moving_joints, numbers, parent_link, parse_urdf, read_urdf
+
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def load_robot(
+    name_or_path: str | Path,
+    *,
+    locked: Mapping[str, float] | Iterable[str] | None = None,
+    joints: str | Iterable[str] | None = None,
+    position_limits: Any = None,
+    velocity_limits: Any = None,
+    torque_limits: Any = None,
+    acceleration_limits: Any = None,
+    jerk_limits: Any = None,
+    torque_rate_limits: Any = None,
+    limit_scale: Mapping[str, ArrayLike] | None = None,
+    armature: Any = 0.0,
+    viscous_friction: Any = 0.0,
+    coulomb_friction: Any = 0.0,
+    coulomb_velocity: float = COULOMB_SMOOTHING,
+    payload: Payload | Iterable[Payload] | None = None,
+    gravity: ArrayLike = GRAVITY,
+    package_dirs: Iterable[str | Path] | str | Path = (),
+    continuous_range: Any = None,
+    tool_frame: str | None = None,
+    home: ArrayLike | None = None,
+) -> RobotModel:
+    """Load a robot of the catalogue, or a URDF file, check it, and make it ready to plan with.
+
+    Wherever a value a joint is expected, one number stands for all joints, a sequence follows ``joint_names``, and a
+    dict by joint name changes only the joints it names.
+
+    Args:
+        name_or_path: a name from `catalogue`, or the path of a URDF.
+        locked: joints to fix: a dict of values [rad or m], or names (then at 0, or the limit nearest to it).
+        joints: the joints that move, names or patterns such as "arm_left_*"; all others are locked. A catalogue robot
+            has its own choice; a plain URDF moves every joint.
+        position_limits: (lower, upper) or a dict of such pairs [rad or m]; velocity_limits [rad/s]; torque_limits [N·m];
+            acceleration_limits [rad/s²]; jerk_limits [rad/s³]; torque_rate_limits [N·m/s]: in place of the URDF's.
+        limit_scale: factors on limits, such as {"velocity": 0.5, "torque": 0.8}, applied last.
+        armature: rotor inertia seen at the joint [kg·m²].
+        viscous_friction: [N·m·s/rad]; coulomb_friction: [N·m]; "urdf" takes the file's damping and friction.
+        coulomb_velocity: velocity over which Coulomb friction changes sign [rad/s].
+        payload: one body, or several, held by the robot.
+        gravity: acceleration of gravity in the base frame [m/s²], shape (3,).
+        package_dirs: folders that hold the packages of ``package://`` mesh paths; a URDF's own place is searched too.
+        continuous_range: (lower, upper) [rad] of continuous joints, or a dict of such pairs.
+        tool_frame: link or joint whose motion is reported.
+        home: resting configuration [rad or m].
+
+    Returns:
+        The robot; its ``notes`` say what loading changed or assumed.
+
+    Raises:
+        RobotError: not found, unreadable, impossible, or an argument does not fit; one line says what and where.
+        MissingDependencyError: the catalogue's data package is not installed.
+    """
+    entry, path, name = _find(name_or_path)
+    root = parse_urdf(read_urdf(path), name or str(path))
+    name = name or root.get("name") or path.stem
+    assumed = entry.assumed if entry else {}
+    given = {
+        "position": position_limits, "velocity": velocity_limits, "torque": torque_limits, "acceleration": acceleration_limits,
+        "jerk": jerk_limits, "torque_rate": torque_rate_limits,
+    }  # fmt: skip
+    notes = [] if not assumed else [f"The file states no limits; assumed unless given: {', '.join(f'{k}={v}' for k, v in assumed.items())}."]
+    given = {kind: assumed.get(f"{kind}_limits") if value is None else value for kind, value in given.items()}
+    folders = declared_package_dirs(package_dirs, name)
+    folders += (robots_folder().parent.parent,) if entry else default_package_dirs(root, path.parent)
+    lint_meshes(root, folders, path.parent, name)
+    friction = {kind: _urdf_friction(root, attribute) for kind, attribute in (("viscous", "damping"), ("coulomb", "friction"))}
+
+    notes += _prepare(root, entry, locked, joints, continuous_range, name)
+    tool = tool_frame or (entry.tool_frame if entry else "") or _last_link(root)
+    notes += [prepare.attach_payload(root, body, tool, name) for body in _payloads(payload, name)]
+    notes += lint_links(root, name)
+    model = _pinocchio(root, name)
+    names = tuple(model.names[1:])
+    lint_bodies(model, {j.get("name"): child_link(j) for j in moving_joints(root)}, name)
+    limits = build_limits(root, names, given, limit_scale, name)
+    write_limits(root, names, limits)
+    _finish_model(model, limits, non_negative("armature", armature, names, name), _gravity(gravity, name))
+    lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), name)
+    viscous, coulomb, friction_notes = _friction(friction, viscous_friction, coulomb_friction, names, name)
+    robot = RobotModel(
+        name=name,
+        dynamics=Dynamics(model, viscous, coulomb, _positive("coulomb_velocity", coulomb_velocity, name)),
+        limits=limits,
+        urdf=prepare.to_text(root),
+        package_dirs=folders,
+        tool_frame=tool,
+        notes=(*notes, *friction_notes),
+        home=_home(entry, home, names, limits, name),
+        source=path,
+        srdf=_srdf(entry, path),
+    )
+    robot.frame_id(tool)
+    return robot
+
+
+def _find(name_or_path: str | Path) -> tuple[CatalogueEntry | None, Path, str]:
+    """Catalogue entry (or None), absolute URDF path, and the name (or "" for a file)."""
+    text = str(name_or_path)
+    if text in CATALOGUE:
+        entry = CATALOGUE[text]
+        return entry, robots_folder() / entry.urdf, text
+    if isinstance(name_or_path, Path) or "/" in text or "\\" in text or Path(text).suffix or Path(text).is_file():
+        return None, Path(text).expanduser().absolute(), ""
+    return find_entry(text), Path(), text
+
+
+def _prepare(root: ET.Element, entry: CatalogueEntry | None, locked: Any, joints: Any, continuous_range: Any, where: str) -> list[str]:
+    """The preparation step of `preparation`, in place; returns its notes."""
+    free = prepare.selected_joints(root, joints if joints is not None or entry is None else entry.joints, where)
+    asked, named = _locked(locked, where)
+    values = prepare.lock_values(root, free - named, asked, where)
+    notes = normalise_axes(root, where)
+    notes += prepare.lock_notes(root, values)
+    prepare.fix_joints(root, values)
+    prepare.refuse_free_bodies(root, where)
+    continuous = [j.get("name") for j in moving_joints(root) if j.get("type") == "continuous"]
+    ranges = _continuous_ranges(continuous_range, continuous, where)
+    notes += prepare.bound_continuous_joints(root, ranges.__getitem__)
+    prepare.strip_extras(root)
+    if not moving_joints(root):
+        raise RobotError(f"{where}: no joint is left to move; expected at least one that is not fixed, locked or a mimic")
+    return notes
+
+
+def _locked(locked: Any, where: str) -> tuple[dict[str, float], set[str]]:
+    """Joints locked at a value, and joints locked at neutral."""
+    if locked is None:
+        return {}, set()
+    if isinstance(locked, Mapping):
+        return dict(locked), set()
+    names = [locked] if isinstance(locked, str) else list(locked)
+    if not all(isinstance(n, str) for n in names):
+        raise RobotError(f"{where}: locked is {locked!r:.100}; expected a dict of joint values, or joint names")
+    return {}, set(names)
+
+
+def _continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tuple[float, float]]:
+    if given is None:
+        return dict.fromkeys(names, prepare.CONTINUOUS_RANGE)
+    pairs = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    ranges = dict.fromkeys(names, prepare.CONTINUOUS_RANGE)
+    for name, pair in pairs.items():
+        if name not in names:
+            raise RobotError(f"{where}: continuous_range: no continuous joint named '{name}'; {prepare.did_you_mean(str(name), names)}")
+        try:
+            lower, upper = (float(x) for x in pair)
+        except (TypeError, ValueError):
+            lower = upper = np.nan
+        if not (np.isfinite([lower, upper]).all() and lower < upper):
+            raise RobotError(f"{where}: continuous_range of joint '{name}' is {pair!r:.80}; expected a finite pair lower < upper [rad]")
+        ranges[name] = (lower, upper)
+    return ranges
+
+
+def _payloads(payload: Any, where: str) -> list[Payload]:
+    bodies = [] if payload is None else [payload] if isinstance(payload, Payload) else list(payload)
+    for body in bodies:
+        if not isinstance(body, Payload):
+            raise RobotError(f"{where}: payload is {body!r:.80}; expected energyopt.Payload(mass, center, inertia, frame)")
+    return bodies
+
+
+def _pinocchio(root: ET.Element, where: str) -> pin.Model:
+    try:
+        model = pin.buildModelFromXML(prepare.to_text(root))
+    except Exception as error:  # the bindings raise several types, none documented
+        raise RobotError(f"{where}: Pinocchio cannot build a model of it: {' '.join(str(error).split())[:200]}") from None
+    if model.nq != model.nv:
+        raise RobotError(f"{where}: has {model.nq} coordinates for {model.nv} velocities; expected one each a joint")
+    return model
+
+
+def _finish_model(model: pin.Model, limits: Limits, armature: np.ndarray, gravity: np.ndarray) -> None:
+    model.armature = np.array(armature)
+    model.gravity = pin.Motion(gravity, np.zeros(3))
+    model.lowerPositionLimit, model.upperPositionLimit = np.array(limits.lower), np.array(limits.upper)
+
+
+def _gravity(value: ArrayLike, where: str) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise RobotError(f"{where}: gravity is {value!r:.80}; expected three finite numbers [m/s²], such as (0, 0, -9.81)")
+    return array
+
+
+def _positive(key: str, value: Any, where: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not 0 < number < np.inf:
+        raise RobotError(f"{where}: {key} is {value!r:.80}; expected a positive number")
+    return number
+
+
+def _urdf_friction(root: ET.Element, attribute: str) -> dict[str, float]:
+    return {j.get("name"): numbers(j.find("dynamics"), attribute, "0")[0] for j in moving_joints(root)}
+
+
+def _friction(stated: dict[str, dict[str, float]], viscous: Any, coulomb: Any, names: tuple[str, ...], where: str):
+    """Viscous and Coulomb coefficients, and a note where the file states some that are not used."""
+    arrays, unused = [], False
+    for kind, value in (("viscous", viscous), ("coulomb", coulomb)):
+        own = [stated[kind][n] for n in names]
+        from_urdf = isinstance(value, str) and value == "urdf"
+        arrays.append(non_negative(f"{kind}_friction", own if from_urdf else value, names, where))
+        unused |= any(own) and not from_urdf and not np.any(arrays[-1])
+    note = "The URDF's joint damping and friction are not used; viscous_friction='urdf', coulomb_friction='urdf' would use them."
+    return arrays[0], arrays[1], [note] if unused else []
+
+
+def _home(entry: CatalogueEntry | None, given: ArrayLike | None, names: tuple[str, ...], limits: Limits, where: str) -> np.ndarray:
+    """Home configuration: given, the catalogue's (by joint name where some are locked), or the middle of the range."""
+    middle = 0.5 * (limits.lower + limits.upper)
+    if given is not None:
+        q = joint_values("home", given, names, middle, where)
+        outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
+        if outside.size:
+            i = outside[0]
+            raise RobotError(f"{where}: home of joint '{names[i]}' is {q[i]:g}; expected {limits.lower[i]:g} to {limits.upper[i]:g}")
+        return q
+    if entry and len(entry.home) == len(names):
+        middle = np.array(entry.home)
+    q = np.clip(middle, limits.lower, limits.upper)
+    q.flags.writeable = False
+    return q
+
+
+def _srdf(entry: CatalogueEntry | None, path: Path) -> Path | None:
+    if entry:
+        return robots_folder() / entry.srdf if entry.srdf else None
+    near = (path.with_suffix(".srdf"), path.parent.parent / "srdf" / f"{path.stem}.srdf")
+    return next((p for p in near if p.is_file()), None)
+
+
+def _last_link(root: ET.Element) -> str:
+    """The link at the end of the longest chain of moving joints (then of joints): the tool of an unknown arm."""
+    above = {child_link(j): j for j in root.findall("joint")}
+
+    def depth(link: str) -> tuple[int, int]:
+        moving = total = 0
+        while link in above:
+            moving += above[link].get("type") != "fixed"
+            total += 1
+            link = parent_link(above[link])
+        return moving, total
+
+    return max((link.get("name") for link in root.findall("link")), key=depth)

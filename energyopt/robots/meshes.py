@@ -1,0 +1,123 @@
+"""Where the meshes of a robot are, and that they stay there.
+
+A URDF names a mesh as ``package://name/path``, relative to itself, or absolutely. Whatever the form, the file must lie
+inside one of the folders that the caller has declared (or that the URDF's own place implies): ``..`` and symbolic links
+that lead outside are refused, so that a robot description cannot make a mesh importer read other files.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlsplit
+
+from energyopt.errors import RobotError
+
+if TYPE_CHECKING:
+    from energyopt.robots.model import RobotModel
+
+MAX_MESH_BYTES = 200_000_000
+URDF_FOLDERS = ("urdf", "urdfs", "robots", "xml")
+"""Names of folders whose parent is the package, by convention, so that ``../meshes`` is inside it."""
+
+
+def resolve_mesh(robot: RobotModel, uri: str) -> Path:
+    """The file of a mesh named in ``robot.urdf``.
+
+    Raises:
+        RobotError: the path leaves the package folders, or the file is missing or above 200 MB.
+    """
+    folder = robot.source.parent if robot.source else None
+    path = locate_mesh(uri, robot.package_dirs, folder, f"{robot.name}: mesh '{uri}'")
+    if path is None or not path.is_file():
+        declared = ", ".join(map(str, robot.package_dirs)) or "none"
+        raise RobotError(f"{robot.name}: mesh '{uri}' not found; package folders searched: {declared}; give package_dirs=[...]")
+    if path.stat().st_size > MAX_MESH_BYTES:
+        raise RobotError(f"{robot.name}: mesh '{uri}' has {path.stat().st_size / 1e6:.0f} MB; expected below {MAX_MESH_BYTES / 1e6:.0f} MB")
+    return path
+
+
+def lint_meshes(root: ET.Element, package_dirs: Iterable[Path], folder: Path | None, where: str) -> None:
+    """Check that every mesh path stays inside the folders; files need not exist.
+
+    Raises:
+        RobotError: names the link and the path.
+    """
+    checked = set()
+    for link in root.findall("link"):
+        for mesh in link.iter("mesh"):
+            uri = mesh.get("filename") or ""
+            if uri not in checked:
+                locate_mesh(uri, package_dirs, folder, f"{where}: link '{link.get('name')}': mesh '{uri[:200]}'")
+                checked.add(uri)
+
+
+def locate_mesh(uri: str, package_dirs: Iterable[Path], folder: Path | None, label: str) -> Path | None:
+    """Where a mesh should be, or None where its package is in none of the folders.
+
+    Raises:
+        RobotError: the path leaves the folders, or is of a kind that is not supported.
+    """
+    scheme = urlsplit(uri).scheme if "://" in uri else ""
+    if scheme in ("package", "model"):
+        return _in_package(uri.split("://", 1)[1], package_dirs, label)
+    if scheme not in ("", "file"):
+        raise RobotError(f"{label}: '{scheme}://' is not supported; expected package://, or a path")
+    path = Path(unquote(uri.removeprefix("file://"))) if scheme else Path(uri)
+    if not path.is_absolute():
+        if folder is None:
+            return None
+        path = folder / path
+    roots = [*package_dirs, *([folder] if folder else [])]
+    return _contained(path, roots, label)
+
+
+def default_package_dirs(root: ET.Element, folder: Path) -> tuple[Path, ...]:
+    """Folders implied by the place of a user's URDF.
+
+    For each ``package://name``, the nearest folder at or above the URDF that holds ``name``; and the package itself (the
+    nearest one with a ``package.xml``, or the parent of a folder called ``urdf``) for relative paths.
+    """
+    packages = {m.get("filename").split("://", 1)[1].split("/", 1)[0] for m in root.iter("mesh") if "://" in (m.get("filename") or "")}
+    chain = (folder, *folder.parents)
+    found = [next((p for p in chain if (p / name).is_dir()), None) for name in sorted(packages - {"", ".", ".."})]
+    own = next((p for p in chain[:4] if (p / "package.xml").is_file()), folder.parent if folder.name in URDF_FOLDERS else folder)
+    return tuple(dict.fromkeys([*(p for p in found if p), own]))
+
+
+def declared_package_dirs(package_dirs: Iterable[str | Path] | str | Path, where: str) -> tuple[Path, ...]:
+    """The caller's folders, absolute.
+
+    Raises:
+        RobotError: one is not a folder.
+    """
+    if isinstance(package_dirs, (str, Path)):
+        package_dirs = (package_dirs,)
+    folders = tuple(Path(p).expanduser().absolute() for p in package_dirs)
+    for folder in folders:
+        if not folder.is_dir():
+            raise RobotError(f"{where}: package_dirs: {folder} is not a folder")
+    return folders
+
+
+def _in_package(path: str, package_dirs: Iterable[Path], label: str) -> Path | None:
+    package, _, rest = path.partition("/")
+    if package in ("", ".", "..") or "\\" in package:
+        raise RobotError(f"{label}: leaves its package folder; expected package://name/path")
+    candidates = []
+    for folder in package_dirs:
+        root = folder if folder.name == package and not (folder / package).is_dir() else folder / package
+        candidates.append(_contained(root / rest, [root], label))
+    return next((c for c in candidates if c.is_file()), candidates[0] if candidates else None)
+
+
+def _contained(path: Path, roots: Iterable[Path], label: str) -> Path:
+    try:
+        real = path.resolve()
+        if any(real.is_relative_to(root.resolve()) for root in roots):
+            return real
+    except (OSError, ValueError, RuntimeError):
+        raise RobotError(f"{label}: is not a usable path") from None
+    raise RobotError(f"{label}: leads outside the package folders ({', '.join(map(str, roots)) or 'none declared'}); give package_dirs=[...]")
