@@ -1,5 +1,9 @@
 """Ways to describe a motion with finitely many numbers, and the numeric trajectories they give."""
 
+from energyopt.parameterizations.bspline import BSpline
+from energyopt.parameterizations.hermite_simpson import HermiteSimpson
+from energyopt.parameterizations.sinusoid import Sinusoid
+from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import (
     PolynomialTrajectory,
     SinusoidTrajectory,
@@ -8,4 +12,16 @@ from energyopt.parameterizations.trajectory import (
     trajectory_from_arrays,
 )
 
-__all__ = ["PolynomialTrajectory", "SinusoidTrajectory", "SplineTrajectory", "Trajectory", "trajectory_from_arrays"]
+__all__ = [
+    "BSpline",
+    "BoundaryState",
+    "HermiteSimpson",
+    "MotionSpace",
+    "PolynomialTrajectory",
+    "Sinusoid",
+    "SinusoidTrajectory",
+    "SplineTrajectory",
+    "Trajectory",
+    "Unknowns",
+    "trajectory_from_arrays",
+]

@@ -1,0 +1,194 @@
+"""Compile generated C once and keep the library in a folder of the user's own.
+
+The cache key is a hash of everything that decides the machine code: the numbers of the arm, the source text of the
+generator, the CasADi release, the compiler and its flags, and the CPU. Libraries are written to a temporary name and
+renamed, so that processes running at the same time see either nothing or a whole file. The folder is open to its owner
+alone, and a library that somebody else could have written is never loaded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+log = logging.getLogger("energyopt")
+
+COMPILE_TIMEOUT = 600.0
+"""Seconds after which a compiler is given up."""
+
+
+@lru_cache(maxsize=1)
+def find_compiler() -> tuple[str, ...] | None:
+    """The C compiler command: $ENERGYOPT_CC or $CC, else cc, gcc or clang, else the `ziglang` package; None without one.
+
+    ``ENERGYOPT_CC=none`` switches compilation off.
+    """
+    asked = os.environ.get("ENERGYOPT_CC") or os.environ.get("CC")
+    if asked == "none":
+        return None
+    for name in filter(None, (asked, "cc", "gcc", "clang")):
+        words = name.split()
+        if words and shutil.which(words[0]) and _compiles(tuple(words)):
+            return tuple(words)
+    if find_spec("ziglang") and _compiles((sys.executable, "-m", "ziglang", "cc")):
+        return (sys.executable, "-m", "ziglang", "cc")
+    return None
+
+
+@lru_cache(maxsize=1)
+def cache_folder() -> Path:
+    """The folder of compiled kernels: $ENERGYOPT_CACHE, else ~/.cache/energyopt; a temporary one where those are read-only."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    for candidate in filter(None, (os.environ.get("ENERGYOPT_CACHE"), os.path.join(home, "energyopt"))):
+        folder = Path(candidate)
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if _owned(folder) and os.access(folder, os.W_OK | os.X_OK):
+                return folder
+        except OSError:
+            pass
+    shared = Path(tempfile.gettempdir()) / f"energyopt-{os.getuid()}"
+    try:
+        shared.mkdir(mode=0o700, exist_ok=True)
+        if _owned(shared) and os.access(shared, os.W_OK | os.X_OK):
+            return shared
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix="energyopt-"))
+
+
+def library_key(*parts: str) -> str:
+    """Hash of ``parts`` and of the compiler and CPU in use."""
+    h = hashlib.sha256()
+    for part in (*parts, *(find_compiler() or ()), _compiler_version(), _cpu()):
+        h.update(part.encode())
+        h.update(b"\0")
+    return h.hexdigest()[:32]
+
+
+def cached_library(key: str) -> Path | None:
+    """The compiled library of this key, if it is there and nobody else could have put it there."""
+    path = cache_folder() / f"kernels-{key}.so"
+    return path if path.is_file() and _owned(path) else None
+
+
+def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> Path | None:
+    """Compile C sources into one shared library in the cache.
+
+    Args:
+        key: from `library_key`.
+        units: by name, the source text and its own flags.
+
+    Returns:
+        the library, or None where there is no compiler or it fails (said once, as a warning in the log).
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        return None
+    target = cache_folder() / f"kernels-{key}.so"
+    with _lock(target.with_suffix(".lock")):
+        if (ready := cached_library(key)) is not None:
+            return ready
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix="compile-") as work:
+            try:
+                made = _build(compiler, Path(work), units)
+            except (OSError, subprocess.SubprocessError) as error:
+                log.warning("energyopt: the C compiler failed, kernels run interpreted (slower): %s", _reason(error))
+                return None
+            os.chmod(made, 0o700)
+            os.replace(made, target)
+    return target
+
+
+def discard(path: Path) -> None:
+    """Remove a library that does not load or gives wrong numbers."""
+    path.unlink(missing_ok=True)
+
+
+def _build(compiler: tuple[str, ...], work: Path, units: dict[str, tuple[str, tuple[str, ...]]]) -> Path:
+    objects = []
+    for name, (text, flags) in units.items():
+        source = work / f"{name}.c"
+        source.write_text(text)
+        objects.append(f"{name}.o")
+        _run([*compiler, *flags, "-fPIC", "-c", source.name, "-o", objects[-1]], work)
+    _run([*compiler, "-shared", *objects, "-o", "library.so", "-lm"], work)
+    return work / "library.so"
+
+
+def _run(command: list[str], folder: Path) -> None:
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=COMPILE_TIMEOUT, stdin=subprocess.DEVNULL)
+
+
+def _reason(error: Exception) -> str:
+    text = (getattr(error, "stderr", None) or str(error)).strip().splitlines()
+    return next((line for line in text if "error" in line), text[0] if text else type(error).__name__)
+
+
+def _compiles(command: tuple[str, ...]) -> bool:
+    """Whether the command really makes a library (a compiler without headers or linker does not)."""
+    text = "#include <math.h>\ntypedef double V __attribute__((vector_size(32)));\ndouble f(double x) { return sin(x); }\n"
+    try:
+        with tempfile.TemporaryDirectory(prefix="energyopt-") as work:
+            _build(command, Path(work), {"probe": (text, ("-O1",))})
+        return True
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
+def _owned(path: Path) -> bool:
+    status = path.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+@lru_cache(maxsize=1)
+def _compiler_version() -> str:
+    compiler = find_compiler()
+    if compiler is None:
+        return ""
+    found = subprocess.run([*compiler, "--version"], capture_output=True, text=True, timeout=60, check=False)
+    return found.stdout.partition("\n")[0]
+
+
+@lru_cache(maxsize=1)
+def _cpu() -> str:
+    """Architecture and instruction set, so that a home folder shared by machines is safe with -march=native."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    return platform.machine() + "".join(next((line for line in lines if line.startswith(key)), "") for key in ("model name", "flags", "Features"))
+
+
+def has_wide_vectors() -> bool:
+    """Whether the CPU has 512-bit vectors of doubles (eight samples at once instead of four)."""
+    return " avx512f" in _cpu()
+
+
+@contextmanager
+def _lock(path: Path):
+    """One compilation of a library at a time; where files cannot be locked, several may compile the same and rename it in turn."""
+    try:
+        import fcntl
+
+        handle = path.open("w")
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    except (ImportError, OSError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        handle.close()
+        path.unlink(missing_ok=True)

@@ -1,0 +1,244 @@
+/* Everything the solver asks for, assembled from the sample kernels above.
+
+   A motion is z_k = (q, v, a)(t_k) = sum_l basis[k][order][l] c[column[k][l]], the coefficients being
+   c_j = offset_j + x[block_j] (block -1: no unknown). Each call takes all samples, LANES at a time.
+   Matrices are row-major unless said otherwise; NV joints, NZ = 3 NV. */
+
+#define NZ (3 * NV)
+
+typedef struct {
+  long samples, local, coefficients, blocks, linear_rows, torque_rows, entries, demanded, jac_nonzeros, hess_nonzeros;
+  const double *basis;         /* samples x 3 x local */
+  const int *column;           /* samples x local */
+  const int *block;            /* coefficients */
+  const double *offset;        /* coefficients x NV */
+  const double *weight;        /* samples: quadrature weights */
+  const double *torque_weight; /* NV */
+  const double *state_weight;  /* NZ: weights of q^2, v^2, a^2 */
+  const int *row_start, *row_column;  /* linear rows in x, compressed by row */
+  const double *row_value, *row_offset;
+  const int *entry_row, *entry_sample, *entry_joint; /* torque rows: sum of scale * tau[sample][joint] */
+  const double *entry_scale;
+  const int *demand;           /* samples whose torque Jacobian the rows need */
+  const int *entry_demand;     /* index of the entry's sample in demand */
+  const int *entry_target;     /* entries x local x NV: place in the Jacobian's values, -1 none */
+  const double *jac_constant;
+  const int *hess_column;      /* blocks * NV: start of each column of the Hessian (upper triangle) */
+  const int *hess_place;       /* blocks x blocks: rows of block A before it in the columns of block B, -1 none */
+  double *coefficient, *state, *torque; /* work: coefficients x NV, samples x NZ, samples x NV */
+  double *multiplier, *power, *jacobian; /* work: samples x NV, samples x NV, max(demanded, LANES) x NV x NZ */
+  double *curvature, *gradient;          /* work: LANES x NZ x NZ, samples x NZ */
+} Program;
+
+static void pack(const double *from, long size, long first, long count, V *to) {
+  for (long l = 0; l < LANES; ++l) {
+    const double *row = from + (first + (l < count ? l : 0)) * size;
+    for (long m = 0; m < size; ++m) to[m][l] = row[m];
+  }
+}
+
+static void unpack(const V *from, long size, long first, long count, double *to) {
+  for (long l = 0; l < count; ++l)
+    for (long m = 0; m < size; ++m) to[(first + l) * size + m] = from[m][l];
+}
+
+#define FOR_LANES(k, n, N) for (long k = 0, n; k < (N) && (n = (N) - k < LANES ? (N) - k : LANES, 1); k += LANES)
+
+void eo_torque(long N, const double *z, double *tau) {
+  V zz[NZ], t[NV];
+  FOR_LANES(k, n, N) {
+    pack(z, NZ, k, n, zz);
+    kernel_torque(zz, t);
+    unpack(t, NV, k, n, tau);
+  }
+}
+
+void eo_adjoint(long N, const double *z, const double *p, const double *mu, double *tau, double *g) {
+  V zz[NZ], pp[NV], mm[NV], t[NV], gg[NZ];
+  FOR_LANES(k, n, N) {
+    pack(z, NZ, k, n, zz);
+    pack(p, NV, k, n, pp);
+    pack(mu, NV, k, n, mm);
+    kernel_adjoint(zz, pp, mm, t, gg);
+    unpack(t, NV, k, n, tau);
+    unpack(gg, NZ, k, n, g);
+  }
+}
+
+/* J is written transposed: samples x NZ x NV */
+void eo_jacobian(long N, const double *z, double *tau, double *Jt) {
+  V zz[NZ], t[NV], jj[NV * NZ];
+  FOR_LANES(k, n, N) {
+    pack(z, NZ, k, n, zz);
+    kernel_jacobian(zz, t, jj);
+    unpack(t, NV, k, n, tau);
+    unpack(jj, NV * NZ, k, n, Jt);
+  }
+}
+
+/* one group of lanes: the full symmetric S + J' diag(p) J, each lane NZ x NZ */
+static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, double *H) {
+  V zz[NZ], pp[NV], mm[NV], jj[NV * NZ], ss[LOWER], hh[NZ * NZ];
+  pack(z, NZ, k, n, zz);
+  pack(p, NV, k, n, pp);
+  pack(mu, NV, k, n, mm);
+  kernel_hessian(zz, pp, mm, jj, ss);
+  for (long b = 0; b < NZ; ++b) {
+    V scaled[NV];
+    for (long i = 0; i < NV; ++i) scaled[i] = pp[i] * jj[b * NV + i];
+    for (long a = b; a < NZ; ++a) {
+      V sum = scaled[0] * jj[a * NV];
+      for (long i = 1; i < NV; ++i) sum += scaled[i] * jj[a * NV + i];
+      hh[a * NZ + b] = sum;
+    }
+  }
+  for (long e = 0; e < LOWER; ++e) hh[lower_row[e] * NZ + lower_column[e]] += ss[e];
+  for (long a = 0; a < NZ; ++a)
+    for (long b = 0; b <= a; ++b)
+      for (long l = 0; l < n; ++l)
+        H[(l * NZ + a) * NZ + b] = H[(l * NZ + b) * NZ + a] = hh[a * NZ + b][l];
+}
+
+void eo_hessian(long N, const double *z, const double *p, const double *mu, double *H) {
+  FOR_LANES(k, n, N) hessian_group(k, n, z, p, mu, H + k * NZ * NZ);
+}
+
+/* ---- the nonlinear program ---- */
+
+void eo_program_state(Program *P, const double *x) {
+  for (long j = 0; j < P->coefficients; ++j)
+    for (long i = 0; i < NV; ++i)
+      P->coefficient[j * NV + i] = P->offset[j * NV + i] + (P->block[j] < 0 ? 0.0 : x[P->block[j] * NV + i]);
+  for (long k = 0; k < P->samples; ++k) {
+    double *z = P->state + k * NZ;
+    for (long m = 0; m < NZ; ++m) z[m] = 0.0;
+    for (long l = 0; l < P->local; ++l) {
+      const double *c = P->coefficient + P->column[k * P->local + l] * NV;
+      for (long o = 0; o < 3; ++o) {
+        const double b = P->basis[(k * 3 + o) * P->local + l];
+        for (long i = 0; i < NV; ++i) z[o * NV + i] += b * c[i];
+      }
+    }
+  }
+  eo_torque(P->samples, P->state, P->torque);
+}
+
+double eo_program_objective(const Program *P) {
+  double total = 0.0;
+  for (long k = 0; k < P->samples; ++k) {
+    const double *z = P->state + k * NZ, *tau = P->torque + k * NV;
+    double sum = 0.0;
+    for (long i = 0; i < NV; ++i) sum += P->torque_weight[i] * tau[i] * tau[i];
+    for (long m = 0; m < NZ; ++m) sum += P->state_weight[m] * z[m] * z[m];
+    total += P->weight[k] * sum;
+  }
+  return total;
+}
+
+void eo_program_constraints(const Program *P, const double *x, double *g) {
+  for (long r = 0; r < P->linear_rows; ++r) {
+    double sum = P->row_offset[r];
+    for (int e = P->row_start[r]; e < P->row_start[r + 1]; ++e) sum += P->row_value[e] * x[P->row_column[e]];
+    g[r] = sum;
+  }
+  for (long r = 0; r < P->torque_rows; ++r) g[P->linear_rows + r] = 0.0;
+  for (long e = 0; e < P->entries; ++e)
+    g[P->entry_row[e]] += P->entry_scale[e] * P->torque[P->entry_sample[e] * NV + P->entry_joint[e]];
+}
+
+static void set_power(const Program *P, double sigma) {
+  for (long k = 0; k < P->samples; ++k)
+    for (long i = 0; i < NV; ++i) P->power[k * NV + i] = 2.0 * sigma * P->weight[k] * P->torque_weight[i];
+}
+
+static void set_multiplier(const Program *P, const double *lambda) {
+  for (long m = 0; m < P->samples * NV; ++m) P->multiplier[m] = 0.0;
+  if (!lambda) return;
+  for (long e = 0; e < P->entries; ++e)
+    P->multiplier[P->entry_sample[e] * NV + P->entry_joint[e]] += P->entry_scale[e] * lambda[P->entry_row[e]];
+}
+
+void eo_program_gradient(const Program *P, double *gradient) {
+  set_power(P, 1.0);
+  set_multiplier(P, 0);
+  eo_adjoint(P->samples, P->state, P->power, P->multiplier, P->torque, P->gradient);
+  for (long m = 0; m < P->blocks * NV; ++m) gradient[m] = 0.0;
+  for (long k = 0; k < P->samples; ++k) {
+    double *g = P->gradient + k * NZ;
+    for (long m = 0; m < NZ; ++m) g[m] += 2.0 * P->weight[k] * P->state_weight[m] * P->state[k * NZ + m];
+    for (long l = 0; l < P->local; ++l) {
+      const int b = P->block[P->column[k * P->local + l]];
+      if (b < 0) continue;
+      for (long o = 0; o < 3; ++o) {
+        const double value = P->basis[(k * 3 + o) * P->local + l];
+        for (long i = 0; i < NV; ++i) gradient[b * NV + i] += value * g[o * NV + i];
+      }
+    }
+  }
+}
+
+void eo_program_jacobian(const Program *P, double *values) {
+  for (long e = 0; e < P->jac_nonzeros; ++e) values[e] = P->jac_constant[e];
+  V zz[NZ], t[NV], jj[NV * NZ];
+  FOR_LANES(k, n, P->demanded) {
+    for (long l = 0; l < LANES; ++l)
+      for (long m = 0; m < NZ; ++m) zz[m][l] = P->state[P->demand[k + (l < n ? l : 0)] * NZ + m];
+    kernel_jacobian(zz, t, jj);
+    unpack(jj, NV * NZ, k, n, P->jacobian);
+  }
+  for (long e = 0; e < P->entries; ++e) {
+    const double *Jt = P->jacobian + P->entry_demand[e] * NV * NZ + P->entry_joint[e];
+    const double *basis = P->basis + P->entry_sample[e] * 3 * P->local;
+    const int *target = P->entry_target + e * P->local * NV;
+    for (long l = 0; l < P->local; ++l)
+      for (long i = 0; i < NV; ++i) {
+        if (target[l * NV + i] < 0) continue;
+        double sum = 0.0;
+        for (long o = 0; o < 3; ++o) sum += basis[o * P->local + l] * Jt[(o * NV + i) * NV];
+        values[target[l * NV + i]] += P->entry_scale[e] * sum;
+      }
+  }
+}
+
+/* add basis' H basis of one sample: H is NZ x NZ, its columns first contracted to each local coefficient */
+static void add_sample_hessian(const Program *P, long k, const double *H, double *values) {
+  const double *basis = P->basis + k * 3 * P->local;
+  for (long lb = 0; lb < P->local; ++lb) {
+    const int B = P->block[P->column[k * P->local + lb]];
+    if (B < 0) continue;
+    double half[NZ][NV];
+    for (long a = 0; a < NZ; ++a)
+      for (long j = 0; j < NV; ++j)
+        half[a][j] = basis[lb] * H[a * NZ + j] + basis[P->local + lb] * H[a * NZ + NV + j]
+                   + basis[2 * P->local + lb] * H[a * NZ + 2 * NV + j];
+    for (long la = 0; la < P->local; ++la) {
+      const int A = P->block[P->column[k * P->local + la]];
+      if (A < 0 || A > B) continue;
+      const double b0 = basis[la], b1 = basis[P->local + la], b2 = basis[2 * P->local + la];
+      const int place = P->hess_place[A * P->blocks + B];
+      double block[NV][NV];
+      for (long i = 0; i < NV; ++i)
+        for (long j = 0; j < NV; ++j)
+          block[j][i] = b0 * half[i][j] + b1 * half[NV + i][j] + b2 * half[2 * NV + i][j];
+      for (long j = 0; j < NV; ++j) {
+        double *to = values + P->hess_column[B * NV + j] + place;
+        const long rows = A == B ? j + 1 : NV;
+        for (long i = 0; i < rows; ++i) to[i] += block[j][i];
+      }
+    }
+  }
+}
+
+void eo_program_hessian(const Program *P, double sigma, const double *lambda, double *values) {
+  set_power(P, sigma);
+  set_multiplier(P, lambda);
+  for (long e = 0; e < P->hess_nonzeros; ++e) values[e] = 0.0;
+  FOR_LANES(k, n, P->samples) {
+    hessian_group(k, n, P->state, P->power, P->multiplier, P->curvature);
+    for (long l = 0; l < n; ++l) {
+      double *H = P->curvature + l * NZ * NZ;
+      for (long m = 0; m < NZ; ++m) H[m * NZ + m] += 2.0 * sigma * P->weight[k + l] * P->state_weight[m];
+      add_sample_hessian(P, k + l, H, values);
+    }
+  }
+}

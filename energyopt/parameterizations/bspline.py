@@ -1,0 +1,158 @@
+"""B-splines: q(t) = Σ_j B_j(t) c_j with clamped knots (C. de Boor, "A Practical Guide to Splines", 1978, ch. IX–XI).
+
+The first three coefficients are determined by position, velocity and acceleration at t = 0, the last three by those at T,
+so no boundary condition is left to the solver. The derivative is a spline one degree lower with the coefficients
+
+    c'_j = p (c_{j+1} − c_j) / (t_{j+p+1} − t_{j+1}),
+
+and a spline lies inside the convex hull of its coefficients: bounds put on them hold for all t.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline as ScipySpline
+from scipy.sparse import csr_array, diags_array
+
+from energyopt.errors import ProblemError
+from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
+from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
+
+
+@dataclass(frozen=True)
+class BSpline:
+    """Splines of degree 3, 4 or 5 (the default way to describe a motion).
+
+    Attributes:
+        degree: 3 has torque kinks at the knots, 4 and 5 have none.
+        control_points: coefficients a joint on even knots; None chooses by the duration.
+        accuracy: refine the knots until the estimated relative error of J is below this; None keeps the knots.
+        knots: breakpoints [s] from 0 to T to start from, in place of even ones.
+    """
+
+    degree: int = 3
+    control_points: int | None = None
+    accuracy: float | None = 0.01
+    knots: tuple[float, ...] | None = None
+
+    def __post_init__(self):
+        if self.degree not in (3, 4, 5):
+            raise ProblemError(f"BSpline degree is {self.degree!r}: expected 3, 4 or 5")
+        if self.control_points is not None and not self.degree + 4 <= self.control_points <= 2000:
+            raise ProblemError(f"BSpline control_points is {self.control_points!r}: expected {self.degree + 4} to 2000 for degree {self.degree}")
+        if self.accuracy is not None and not 0 < self.accuracy < 1:
+            raise ProblemError(f"BSpline accuracy is {self.accuracy!r}: expected a relative error between 0 and 1, or None")
+
+    def space(self, duration: float) -> SplineSpace:
+        """The splines to start with."""
+        if self.knots is not None:
+            breaks = np.array(self.knots, dtype=float)
+            if breaks.ndim != 1 or len(breaks) < 5 or np.any(np.diff(breaks) <= 0) or breaks[0] != 0 or abs(breaks[-1] - duration) > 1e-9 * duration:
+                raise ProblemError(f"BSpline knots: expected at least 5 increasing times from 0 to the duration {duration:g} s")
+            breaks[-1] = duration
+            return SplineSpace(breaks, self.degree)
+        spans = (self.control_points or self.default_control_points(duration)) - self.degree
+        return SplineSpace(np.linspace(0.0, duration, spans + 1), self.degree)
+
+    def default_control_points(self, duration: float) -> int:
+        """One span for 0.2 s at most, between 10 and 40 spans; `accuracy` refines from there."""
+        return self.degree + int(np.clip(np.ceil(duration / 0.2), 10, 40))
+
+
+class SplineSpace(MotionSpace):
+    """Splines of one degree on given breakpoints."""
+
+    everywhere = True
+
+    def __init__(self, breaks: np.ndarray, degree: int):
+        self.breaks = np.asarray(breaks, float)
+        self.degree = degree
+        self.duration = float(self.breaks[-1])
+        self.knots = np.concatenate([np.full(degree, self.breaks[0]), self.breaks, np.full(degree, self.breaks[-1])])
+        self.size = len(self.knots) - degree - 1
+
+    def basis(self, t, orders=3):
+        t = np.clip(np.asarray(t, float), 0.0, self.duration)
+        span = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
+        columns = span[:, None] + np.arange(self.degree + 1)
+        values = np.zeros((len(t), orders, self.degree + 1))
+        difference = csr_array(np.eye(self.size))
+        for order in range(min(orders, self.degree + 1)):
+            low = self._design(t, span, self.degree - order)
+            if order:
+                difference = self._difference(order) @ difference
+            local = low @ difference
+            values[:, order] = local[np.arange(len(t))[:, None], columns].reshape(columns.shape)
+        return columns, values
+
+    def quadrature(self):
+        x, w = np.polynomial.legendre.leggauss(self.degree + 1)
+        half, middle = 0.5 * np.diff(self.breaks)[:, None], 0.5 * (self.breaks[1:] + self.breaks[:-1])[:, None]
+        return (middle + half * x).ravel(), (half * w).ravel()
+
+    def unknowns(self, start, goal):
+        nv = len(start.velocity)
+        offset, block = np.zeros((self.size, nv)), np.full(self.size, -1)
+        offset[:3] = self._end_coefficients(0.0, start)
+        offset[-3:] = self._end_coefficients(self.duration, goal)
+        block[3:-3] = np.arange(self.size - 6)
+        if goal.position is not None:
+            return Unknowns(block, offset, self.size - 6)
+        block[-3:] = self.size - 6
+        return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
+
+    def bounding_rows(self, order):
+        rows = csr_array(np.eye(self.size))
+        for k in range(1, order + 1):
+            rows = self._difference(k) @ rows
+        return csr_array(rows)
+
+    def trajectory(self, coefficients):
+        return SplineTrajectory(self.knots, coefficients, self.degree)
+
+    def interpolate(self, trajectory: Trajectory):
+        """Interpolation at the Greville abscissae; reproduces every spline of this space."""
+        p = self.degree
+        greville = np.array([self.knots[j + 1 : j + p + 1].mean() for j in range(self.size)])
+        matrix = ScipySpline.design_matrix(greville, self.knots, p).toarray()
+        return np.linalg.solve(matrix, trajectory(greville * (trajectory.duration / self.duration)))
+
+    def refined(self, times: np.ndarray) -> SplineSpace:
+        """The space with further knots; it contains this one."""
+        return SplineSpace(np.union1d(self.breaks, times), self.degree)
+
+    def _design(self, t: np.ndarray, span: np.ndarray, degree: int) -> csr_array:
+        """Values at ``t`` of the splines of a lower degree on the same breakpoints (Cox–de Boor recursion)."""
+        inner = self.breaks
+        knots = np.concatenate([np.full(degree, inner[0]), inner, np.full(degree, inner[-1])])
+        local = np.ones((len(t), 1))
+        base = span + degree
+        for k in range(1, degree + 1):
+            grown = np.zeros((len(t), k + 1))
+            for r in range(k):
+                right, left = knots[base + r + 1], knots[base + r + 1 - k]
+                share = local[:, r] / (right - left)
+                grown[:, r] += share * (right - t)
+                grown[:, r + 1] += share * (t - left)
+            local = grown
+        index = np.repeat(np.arange(len(t)), degree + 1)
+        columns = (span[:, None] + np.arange(degree + 1)).ravel()
+        return csr_array((local.ravel(), (index, columns)), shape=(len(t), len(inner) - 1 + degree))
+
+    def _difference(self, order: int) -> csr_array:
+        """Coefficients of the derivative of order k from those of order k − 1."""
+        p = self.degree - order + 1
+        count = self.size - order + 1
+        knots = self.knots[order - 1 : len(self.knots) - order + 1]
+        scale = p / (knots[p + 1 : p + count] - knots[1:count])
+        return csr_array(diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count)))
+
+    def _end_coefficients(self, t: float, state: BoundaryState) -> np.ndarray:
+        """The three outer coefficients (3, nv) that give a state; with an unknown position, what to add to it."""
+        columns, values = self.basis(np.array([t]))
+        outer = np.arange(3) if t == 0.0 else np.arange(self.size - 3, self.size)
+        local = values[0][:, np.searchsorted(columns[0], outer)]
+        position = np.zeros_like(state.velocity) if state.position is None else state.position
+        return np.linalg.solve(local, np.stack([position, state.velocity, state.acceleration]))

@@ -1,0 +1,119 @@
+"""Sinusoids: a cycloid from start to goal plus harmonics that leave the boundary conditions untouched. With s = t/T,
+
+    q(s) = q₀ + Δq (s − sin 2πs / 2π) + Σ_h x_h χ_h(s) + y_h ψ_h(s)
+    χ_h = [sin 2π(h+1)s / (h+1) − sin 2πs] / (h+1),      ψ_h = [(1 − cos 2π(h+1)s) / (h+1)² − (1 − cos 2πs)]
+
+Value, slope and curvature of χ_h and ψ_h vanish at both ends. Boundary velocities and accelerations other than zero add
+the quintic Hermite polynomials. Limits are imposed at samples and at every time where a check finds them exceeded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from energyopt.errors import ProblemError
+from energyopt.parameterizations.space import MotionSpace, Unknowns
+from energyopt.parameterizations.trajectory import SinusoidTrajectory, Trajectory
+
+_HERMITE = np.array(
+    [  # ascending powers of s: velocity and acceleration at 0, velocity and acceleration at 1
+        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+        [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
+        [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """A cycloid plus harmonics.
+
+    Attributes:
+        harmonics: frequencies above the fundamental; each has a sine and a cosine amplitude a joint.
+    """
+
+    harmonics: int = 6
+
+    def __post_init__(self):
+        if not 0 <= self.harmonics <= 64:
+            raise ProblemError(f"Sinusoid harmonics is {self.harmonics!r}: expected 0 to 64")
+
+    def space(self, duration: float) -> SinusoidSpace:
+        return SinusoidSpace(duration, self.harmonics)
+
+
+class SinusoidSpace(MotionSpace):
+    """Coefficients: q₀, v₀, a₀, q₁, v₁, a₁, then the amplitudes of χ_1 … χ_H and ψ_1 … ψ_H."""
+
+    everywhere = False
+
+    def __init__(self, duration: float, harmonics: int):
+        self.duration = float(duration)
+        self.harmonics = harmonics
+        self.size = 6 + 2 * harmonics
+        self._functions = self._basis_functions()
+
+    def basis(self, t, orders=3):
+        values = np.stack([self._functions(t, order) for order in range(orders)], axis=1)
+        return np.tile(np.arange(self.size), (len(t), 1)), values
+
+    def quadrature(self):
+        x, w = np.polynomial.legendre.leggauss(4)
+        edges = np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 3)
+        half, middle = 0.5 * np.diff(edges)[:, None], 0.5 * (edges[1:] + edges[:-1])[:, None]
+        return (middle + half * x).ravel(), (half * w).ravel()
+
+    def unknowns(self, start, goal):
+        nv = len(start.velocity)
+        offset, block = np.zeros((self.size, nv)), np.full(self.size, -1)
+        offset[:3] = start.position, start.velocity, start.acceleration
+        offset[4:6] = goal.velocity, goal.acceleration
+        block[6:] = np.arange(self.size - 6)
+        if goal.position is not None:
+            offset[3] = goal.position
+            return Unknowns(block, offset, self.size - 6)
+        block[3] = self.size - 6
+        return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
+
+    def bounding_rows(self, order):
+        times = np.linspace(0.0, self.duration, 8 * (self.harmonics + 1) + 1)
+        return csr_array(self._functions(times, order))
+
+    def trajectory(self, coefficients):
+        parts = self._functions
+        return SinusoidTrajectory(
+            self.duration, parts.polynomial @ coefficients, parts.sine @ coefficients, parts.cosine @ coefficients
+        )
+
+    def interpolate(self, trajectory: Trajectory):
+        """Boundary values exactly, amplitudes by least squares."""
+        T = self.duration
+        scaled = lambda t, order: trajectory(t * trajectory.duration / T, order) * (trajectory.duration / T) ** order  # noqa: E731
+        ends = [scaled(np.array([t]), order)[0] for t in (0.0, T) for order in range(3)]
+        coefficients = np.zeros((self.size, trajectory.nv))
+        coefficients[:6] = ends
+        if self.harmonics:
+            t = np.linspace(0.0, T, 8 * (self.harmonics + 1))
+            values = self._functions(t)
+            rest = scaled(t, 0) - values[:, :6] @ coefficients[:6]
+            coefficients[6:] = np.linalg.lstsq(values[:, 6:], rest, rcond=None)[0]
+        return coefficients
+
+    def _basis_functions(self) -> SinusoidTrajectory:
+        """All basis functions as one trajectory, a "joint" each."""
+        H, T = self.harmonics, self.duration
+        polynomial, sine, cosine = np.zeros((6, self.size)), np.zeros((H + 1, self.size)), np.zeros((H + 1, self.size))
+        polynomial[:2, 0], sine[0, 0] = (1.0, -1.0), 1.0 / (2.0 * np.pi)
+        polynomial[1, 3], sine[0, 3] = 1.0, -1.0 / (2.0 * np.pi)
+        polynomial[:, [1, 2, 4, 5]] = (_HERMITE * np.array([T, T**2, T, T**2])[:, None]).T
+        for h in range(1, H + 1):
+            k = h + 1.0
+            odd, even = 5 + h, 5 + H + h
+            sine[h, odd], sine[0, odd] = 1.0 / k**2, -1.0 / k
+            polynomial[0, even] = 1.0 / k**2 - 1.0
+            cosine[h, even], cosine[0, even] = -1.0 / k**2, 1.0
+        return SinusoidTrajectory(T, polynomial, sine, cosine)
