@@ -76,8 +76,9 @@ CATALOGUE: dict[str, CatalogueEntry] = {
 # fmt: on
 
 FLOATING_BASE = frozenset(
-    "a1 alex alexander anymal anymal_c anymal_kinova b1 b1_z1 bolt borinot cassie centauro g1 go1 go2 hector hextilt hyq icub iris "
-    "laikago quadruped romeo simple_humanoid solo solo8 solo12 talos talos_full talos_legs".split()
+    ("a1", "alex", "alexander", "anymal", "anymal_c", "anymal_kinova", "b1", "b1_z1", "bolt", "borinot", "cassie", "centauro")
+    + ("g1", "go1", "go2", "hector", "hextilt", "hyq", "icub", "iris", "laikago", "quadruped", "romeo", "simple_humanoid")
+    + ("solo", "solo8", "solo12", "talos", "talos_full", "talos_legs")
 )
 """Robots of example-robot-data that walk or fly; refused by name with the reason."""
 

@@ -23,7 +23,9 @@ UNLIMITED = 1e9
 """How an infinite velocity or torque limit is written into a URDF, which knows no infinity."""
 
 
-def joint_values(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], default: ArrayLike, where: str) -> np.ndarray:
+def joint_values(
+    key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], default: ArrayLike, where: str
+) -> np.ndarray:
     """One number a joint, from one number for all, a sequence in joint order, or a dict by joint name.
 
     Args:
@@ -43,7 +45,9 @@ def joint_values(key: str, value: ArrayLike | Mapping[str, float], names: Sequen
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise RobotError(f"{where}: {key} is {value!r:.100}; expected one number, {len(names)} numbers, or a dict by joint name") from None
+        raise RobotError(
+            f"{where}: {key} is {value!r:.100}; expected a number, {len(names)} numbers, or a dict by joint"
+        ) from None
     if array.ndim == 0:
         array = np.full(len(names), float(array))
     if array.shape != (len(names),):
@@ -65,7 +69,11 @@ def non_negative(key: str, value: ArrayLike | Mapping[str, float], names: Sequen
 
 
 def build_limits(
-    root: ET.Element, names: Sequence[str], given: Mapping[str, ArrayLike | None], scale: Mapping[str, ArrayLike] | None, where: str
+    root: ET.Element,
+    names: Sequence[str],
+    given: Mapping[str, ArrayLike | None],
+    scale: Mapping[str, ArrayLike] | None,
+    where: str,
 ) -> Limits:
     """The limits in force.
 
@@ -87,7 +95,7 @@ def build_limits(
         stated = np.array([numbers(x, attribute, "0")[0] for x in limit]) if attribute else np.full(len(names), np.inf)
         value = given.get(kind)
         array = stated if value is None else joint_values(f"{kind}_limits", value, names, stated, where)
-        own[kind] = _checked(kind, array, names, value is None and attribute or "", where)
+        own[kind] = _checked(kind, array, names, attribute if value is None else None, where)
     for kind, factor in (scale or {}).items():
         if kind not in SCALABLE:
             raise RobotError(f"{where}: limit_scale: no limit '{kind}' to scale; expected {', '.join(SCALABLE)}")
@@ -105,7 +113,8 @@ def write_limits(root: ET.Element, names: Sequence[str], limits: Limits) -> None
         limit = joints[name].find("limit")
         limit = ET.SubElement(joints[name], "limit") if limit is None else limit
         limit.attrib.clear()
-        for key, value in (("lower", limits.lower), ("upper", limits.upper), ("effort", limits.torque), ("velocity", limits.velocity)):
+        stated = {"lower": limits.lower, "upper": limits.upper, "effort": limits.torque, "velocity": limits.velocity}
+        for key, value in stated.items():
             limit.set(key, repr(float(min(value[i], UNLIMITED))))
 
 
@@ -120,29 +129,28 @@ def _positions(limit: Sequence, names: Sequence[str], given: ArrayLike | None, w
         if not low < high:
             raise RobotError(f"{where}: joint '{name}': position limits are inverted or empty ({low:g} to {high:g}); {remedy}")
         if not (np.isfinite(low) and np.isfinite(high)):
-            raise RobotError(f"{where}: joint '{name}': position limits {low:g} to {high:g} are not finite; state a range, such as ±6.28")
+            raise RobotError(f"{where}: joint '{name}': position limits {low:g} to {high:g} are not finite; give a range")
     return _frozen(lower), _frozen(upper)
 
 
 def _given_positions(given: ArrayLike, names: Sequence[str], lower: np.ndarray, upper: np.ndarray, where: str):
-    if isinstance(given, Mapping):
-        try:
-            pairs = {name: (low, high) for name, (low, high) in given.items()}
-        except (TypeError, ValueError):
-            raise RobotError(f"{where}: position_limits is {given!r:.100}; expected a pair (lower, upper) for each joint") from None
-        sides = ({n: p[k] for n, p in pairs.items()} for k in (0, 1))
-    else:
-        try:
-            sides = iter(given)
-            low, high = sides
-            sides = iter((low, high))
-        except (TypeError, ValueError):
-            raise RobotError(f"{where}: position_limits is {given!r:.100}; expected a pair (lower, upper) or a dict by joint name") from None
-    low, high = sides
-    return tuple(joint_values(f"position_limits ({k})", v, names, d, where) for k, v, d in (("lower", low, lower), ("upper", high, upper)))
+    """The caller's (lower, upper), from a pair or from a dict of pairs; a dict keeps the stated ones elsewhere."""
+    try:
+        if isinstance(given, Mapping):
+            low, high = ({name: pair[k] for name, pair in given.items() if len(pair) == 2} for k in (0, 1))
+            if len(low) < len(given):
+                raise ValueError
+        else:
+            low, high = given
+    except (TypeError, ValueError, KeyError):
+        raise RobotError(f"{where}: position_limits is {given!r:.100}; expected (lower, upper), or such pairs by joint") from None
+    return (
+        joint_values("position_limits (lower)", low, names, lower, where),
+        joint_values("position_limits (upper)", high, names, upper, where),
+    )
 
 
-def _checked(kind: str, array: np.ndarray, names: Sequence[str], attribute: str, where: str) -> np.ndarray:
+def _checked(kind: str, array: np.ndarray, names: Sequence[str], attribute: str | None, where: str) -> np.ndarray:
     for name, number in zip(names, array, strict=True):
         if number > 0:
             continue

@@ -59,9 +59,10 @@ def lint_links(root: ET.Element, where: str) -> list[str]:
         body = bodies[name]
         total = sum(weights[n] for n, b in bodies.items() if b == body)
         light = name not in driven and 0 < weights[name] < TRIFLE * total
-        if body != _base(root) and not light or weights[name] < 0:
+        still = body == _base(root)
+        if weights[name] < 0 or not (still or light):
             raise RobotError(f"{where}: link '{name}': {fault}")
-        reason = "it does not move" if body == _base(root) else f"it weighs less than {TRIFLE:.0%} of the body it is fixed to"
+        reason = "it does not move" if still else f"it weighs less than {TRIFLE:.0%} of the body it is fixed to"
         notes.append(f"Link '{name}': {fault}; kept, since {reason}.")
     return notes
 
@@ -76,7 +77,9 @@ def lint_bodies(model: pin.Model, joint_child: dict[str, str], where: str) -> No
         body, name = model.inertias[i], model.names[i]
         label = f"{where}: link '{joint_child[name]}' (moved by joint '{name}')"
         if not body.mass > 0:
-            raise RobotError(f"{label} has mass {body.mass:g} kg; expected a positive mass: give its <inertial>, or lock the joint")
+            raise RobotError(
+                f"{label} has mass {body.mass:g} kg; expected a positive mass: give its <inertial>, or lock the joint"
+            )
         fault = inertia_fault(body.mass, np.asarray(body.inertia))
         if fault:
             raise RobotError(f"{label}, with what is fixed to it: {fault}")
@@ -91,7 +94,9 @@ def lint_mass_matrix(model: pin.Model, q: np.ndarray, where: str) -> None:
     inertia = np.diag(pin.crba(model, model.createData(), q))
     for name, value in zip(model.names[1:], inertia, strict=True):
         if not value > 1e-12:
-            raise RobotError(f"{where}: joint '{name}' moves an inertia of {value:g} about its axis; give its link an inertia, or set armature")
+            raise RobotError(
+                f"{where}: joint '{name}' moves an inertia of {value:g} about its axis; give its link an inertia, or set armature"
+            )
 
 
 def normalise_axes(root: ET.Element, where: str) -> list[str]:
@@ -102,11 +107,11 @@ def normalise_axes(root: ET.Element, where: str) -> list[str]:
     """
     notes = []
     for joint in moving_joints(root):
+        if joint.get("type") in ("floating", "planar"):
+            continue
         element, name = joint.find("axis"), joint.get("name")
         axis = np.array(numbers(element, "xyz", "1 0 0"))
         norm = np.linalg.norm(axis)
-        if joint.get("type") in ("floating",):
-            continue
         if norm < 1e-9:
             raise RobotError(f"{where}: joint '{name}' has the axis {axis.tolist()}; expected a direction, such as 0 0 1")
         if element is not None and abs(norm - 1) > 1e-12:

@@ -78,42 +78,36 @@ def load_robot(
         RobotError: not found, unreadable, impossible, or an argument does not fit; one line says what and where.
         MissingDependencyError: the catalogue's data package is not installed.
     """
-    entry, path, name = _find(name_or_path)
-    root = parse_urdf(read_urdf(path), name or str(path))
-    name = name or root.get("name") or path.stem
-    assumed = entry.assumed if entry else {}
-    given = {
-        "position": position_limits, "velocity": velocity_limits, "torque": torque_limits, "acceleration": acceleration_limits,
-        "jerk": jerk_limits, "torque_rate": torque_rate_limits,
-    }  # fmt: skip
-    notes = [] if not assumed else [f"The file states no limits; assumed unless given: {', '.join(f'{k}={v}' for k, v in assumed.items())}."]
-    given = {kind: assumed.get(f"{kind}_limits") if value is None else value for kind, value in given.items()}
-    folders = declared_package_dirs(package_dirs, name)
-    folders += (robots_folder().parent.parent,) if entry else default_package_dirs(root, path.parent)
-    lint_meshes(root, folders, path.parent, name)
-    friction = {kind: _urdf_friction(root, attribute) for kind, attribute in (("viscous", "damping"), ("coulomb", "friction"))}
-
-    notes += _prepare(root, entry, locked, joints, continuous_range, name)
+    entry, path = _find(name_or_path)
+    where = str(name_or_path) if entry else str(path)
+    root = parse_urdf(read_urdf(path), where)
+    folders = _mesh_folders(root, entry, path, package_dirs, where)
+    stated_friction = _stated_friction(root)
     tool = tool_frame or (entry.tool_frame if entry else "") or _last_link(root)
-    notes += [prepare.attach_payload(root, body, tool, name) for body in _payloads(payload, name)]
-    notes += lint_links(root, name)
-    model = _pinocchio(root, name)
+
+    notes = _prepare(root, entry, locked, joints, continuous_range, where)
+    notes += [prepare.attach_payload(root, body, tool, where) for body in _payloads(payload, where)]
+    notes += lint_links(root, where)
+    model = _pinocchio(root, where)
     names = tuple(model.names[1:])
-    lint_bodies(model, {j.get("name"): child_link(j) for j in moving_joints(root)}, name)
-    limits = build_limits(root, names, given, limit_scale, name)
+    lint_bodies(model, {j.get("name"): child_link(j) for j in moving_joints(root)}, where)
+
+    given = (position_limits, velocity_limits, torque_limits, acceleration_limits, jerk_limits, torque_rate_limits)
+    given, assumed_note = _given_limits(given, entry)
+    limits = build_limits(root, names, given, limit_scale, where)
     write_limits(root, names, limits)
-    _finish_model(model, limits, non_negative("armature", armature, names, name), _gravity(gravity, name))
-    lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), name)
-    viscous, coulomb, friction_notes = _friction(friction, viscous_friction, coulomb_friction, names, name)
+    _finish_model(model, limits, non_negative("armature", armature, names, where), _gravity(gravity, where))
+    lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), where)
+    viscous, coulomb, friction_note = _friction(stated_friction, viscous_friction, coulomb_friction, names, where)
     robot = RobotModel(
-        name=name,
-        dynamics=Dynamics(model, viscous, coulomb, _positive("coulomb_velocity", coulomb_velocity, name)),
+        name=str(name_or_path) if entry else root.get("name") or path.stem,
+        dynamics=Dynamics(model, viscous, coulomb, _positive("coulomb_velocity", coulomb_velocity, where)),
         limits=limits,
         urdf=prepare.to_text(root),
         package_dirs=folders,
         tool_frame=tool,
-        notes=(*notes, *friction_notes),
-        home=_home(entry, home, names, limits, name),
+        notes=(*assumed_note, *notes, *friction_note),
+        home=_home(entry, home, names, limits, where),
         source=path,
         srdf=_srdf(entry, path),
     )
@@ -121,18 +115,40 @@ def load_robot(
     return robot
 
 
-def _find(name_or_path: str | Path) -> tuple[CatalogueEntry | None, Path, str]:
-    """Catalogue entry (or None), absolute URDF path, and the name (or "" for a file)."""
+def _find(name_or_path: str | Path) -> tuple[CatalogueEntry | None, Path]:
+    """The catalogue entry, or None for a file, and the absolute path of the URDF."""
+    if not isinstance(name_or_path, (str, Path)):
+        raise RobotError(f"load_robot: got {name_or_path!r:.80}; expected a catalogue name or the path of a URDF")
     text = str(name_or_path)
-    if text in CATALOGUE:
-        entry = CATALOGUE[text]
-        return entry, robots_folder() / entry.urdf, text
-    if isinstance(name_or_path, Path) or "/" in text or "\\" in text or Path(text).suffix or Path(text).is_file():
-        return None, Path(text).expanduser().absolute(), ""
-    return find_entry(text), Path(), text
+    is_path = isinstance(name_or_path, Path) or "/" in text or "\\" in text or Path(text).suffix or Path(text).is_file()
+    if text not in CATALOGUE and is_path:
+        return None, Path(text).expanduser().absolute()
+    entry = find_entry(text)
+    return entry, robots_folder() / entry.urdf
 
 
-def _prepare(root: ET.Element, entry: CatalogueEntry | None, locked: Any, joints: Any, continuous_range: Any, where: str) -> list[str]:
+def _mesh_folders(root: ET.Element, entry: CatalogueEntry | None, path: Path, declared: Any, where: str) -> tuple[Path, ...]:
+    folders = declared_package_dirs(declared, where)
+    folders += (robots_folder().parent.parent,) if entry else default_package_dirs(root, path.parent)
+    lint_meshes(root, folders, path.parent, where)
+    return folders
+
+
+def _given_limits(given: tuple, entry: CatalogueEntry | None) -> tuple[dict[str, Any], list[str]]:
+    """The caller's limits by kind, filled up with what the catalogue assumes, and the note on that."""
+    assumed = {key.removesuffix("_limits"): value for key, value in (entry.assumed if entry else {}).items()}
+    used, limits = {}, {}
+    for kind, value in zip(("position", "velocity", "torque", "acceleration", "jerk", "torque_rate"), given, strict=True):
+        limits[kind] = value
+        if value is None and kind in assumed:
+            limits[kind] = used[kind] = assumed[kind]
+    shown = ", ".join(f"{kind} {np.round(value, 4).tolist()}" for kind, value in used.items())
+    return limits, [f"The file states no {' or '.join(used)} limits; assumed: {shown}."] if used else []
+
+
+def _prepare(
+    root: ET.Element, entry: CatalogueEntry | None, locked: Any, joints: Any, continuous_range: Any, where: str
+) -> list[str]:
     """The preparation step of `preparation`, in place; returns its notes."""
     free = prepare.selected_joints(root, joints if joints is not None or entry is None else entry.joints, where)
     asked, named = _locked(locked, where)
@@ -169,13 +185,17 @@ def _continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tu
     ranges = dict.fromkeys(names, prepare.CONTINUOUS_RANGE)
     for name, pair in pairs.items():
         if name not in names:
-            raise RobotError(f"{where}: continuous_range: no continuous joint named '{name}'; {prepare.did_you_mean(str(name), names)}")
+            raise RobotError(
+                f"{where}: continuous_range: no continuous joint named '{name}'; {prepare.did_you_mean(str(name), names)}"
+            )
         try:
             lower, upper = (float(x) for x in pair)
         except (TypeError, ValueError):
             lower = upper = np.nan
         if not (np.isfinite([lower, upper]).all() and lower < upper):
-            raise RobotError(f"{where}: continuous_range of joint '{name}' is {pair!r:.80}; expected a finite pair lower < upper [rad]")
+            raise RobotError(
+                f"{where}: continuous_range of joint '{name}' is {pair!r:.80}; expected a finite pair lower < upper [rad]"
+            )
         ranges[name] = (lower, upper)
     return ranges
 
@@ -190,18 +210,16 @@ def _payloads(payload: Any, where: str) -> list[Payload]:
 
 def _pinocchio(root: ET.Element, where: str) -> pin.Model:
     try:
-        model = pin.buildModelFromXML(prepare.to_text(root))
+        return pin.buildModelFromXML(prepare.to_text(root))
     except Exception as error:  # the bindings raise several types, none documented
         raise RobotError(f"{where}: Pinocchio cannot build a model of it: {' '.join(str(error).split())[:200]}") from None
-    if model.nq != model.nv:
-        raise RobotError(f"{where}: has {model.nq} coordinates for {model.nv} velocities; expected one each a joint")
-    return model
 
 
 def _finish_model(model: pin.Model, limits: Limits, armature: np.ndarray, gravity: np.ndarray) -> None:
     model.armature = np.array(armature)
     model.gravity = pin.Motion(gravity, np.zeros(3))
     model.lowerPositionLimit, model.upperPositionLimit = np.array(limits.lower), np.array(limits.upper)
+    model.velocityLimit, model.effortLimit = np.array(limits.velocity), np.array(limits.torque)
 
 
 def _gravity(value: ArrayLike, where: str) -> np.ndarray:
@@ -224,8 +242,11 @@ def _positive(key: str, value: Any, where: str) -> float:
     return number
 
 
-def _urdf_friction(root: ET.Element, attribute: str) -> dict[str, float]:
-    return {j.get("name"): numbers(j.find("dynamics"), attribute, "0")[0] for j in moving_joints(root)}
+def _stated_friction(root: ET.Element) -> dict[str, dict[str, float]]:
+    """Viscous and Coulomb friction by joint name, as the file states them."""
+    joints = {j.get("name"): j.find("dynamics") for j in moving_joints(root)}
+    attributes = {"viscous": "damping", "coulomb": "friction"}
+    return {kind: {n: numbers(d, attribute, "0")[0] for n, d in joints.items()} for kind, attribute in attributes.items()}
 
 
 def _friction(stated: dict[str, dict[str, float]], viscous: Any, coulomb: Any, names: tuple[str, ...], where: str):
@@ -240,21 +261,32 @@ def _friction(stated: dict[str, dict[str, float]], viscous: Any, coulomb: Any, n
     return arrays[0], arrays[1], [note] if unused else []
 
 
-def _home(entry: CatalogueEntry | None, given: ArrayLike | None, names: tuple[str, ...], limits: Limits, where: str) -> np.ndarray:
-    """Home configuration: given, the catalogue's (by joint name where some are locked), or the middle of the range."""
-    middle = 0.5 * (limits.lower + limits.upper)
+def _home(entry: CatalogueEntry | None, given: Any, names: tuple[str, ...], limits: Limits, where: str) -> np.ndarray:
+    """Home configuration: the caller's, else the catalogue's inside the limits, else the middle of the range."""
+    q = 0.5 * (limits.lower + limits.upper)
     if given is not None:
-        q = joint_values("home", given, names, middle, where)
+        q = joint_values("home", given, names, q, where)
         outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
         if outside.size:
             i = outside[0]
-            raise RobotError(f"{where}: home of joint '{names[i]}' is {q[i]:g}; expected {limits.lower[i]:g} to {limits.upper[i]:g}")
-        return q
-    if entry and len(entry.home) == len(names):
-        middle = np.array(entry.home)
-    q = np.clip(middle, limits.lower, limits.upper)
+            raise RobotError(
+                f"{where}: home of joint '{names[i]}' is {q[i]:g}; expected {limits.lower[i]:g} to {limits.upper[i]:g}"
+            )
+    elif entry:
+        known = _catalogue_home(entry, names)
+        q = np.clip([known.get(name, middle) for name, middle in zip(names, q, strict=True)], limits.lower, limits.upper)
     q.flags.writeable = False
     return q
+
+
+def _catalogue_home(entry: CatalogueEntry, names: tuple[str, ...]) -> dict[str, float]:
+    """The catalogue's home by joint name; where the caller moves other joints, the order is read off the whole model."""
+    if len(names) == len(entry.home):
+        return dict(zip(names, entry.home, strict=True))
+    root = parse_urdf(read_urdf(robots_folder() / entry.urdf), entry.urdf)
+    chosen = prepare.selected_joints(root, entry.joints, entry.urdf)
+    ordered = [n for n in _pinocchio(root, entry.urdf).names if n in chosen]
+    return dict(zip(ordered, entry.home, strict=True))
 
 
 def _srdf(entry: CatalogueEntry | None, path: Path) -> Path | None:

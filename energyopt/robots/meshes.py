@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from energyopt.errors import RobotError
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from energyopt.robots.model import RobotModel
 
 MAX_MESH_BYTES = 200_000_000
+PACKAGE_SCHEMES = ("package://", "model://")
 URDF_FOLDERS = ("urdf", "urdfs", "robots", "xml")
 """Names of folders whose parent is the package, by convention, so that ``../meshes`` is inside it."""
 
@@ -35,7 +36,9 @@ def resolve_mesh(robot: RobotModel, uri: str) -> Path:
         declared = ", ".join(map(str, robot.package_dirs)) or "none"
         raise RobotError(f"{robot.name}: mesh '{uri}' not found; package folders searched: {declared}; give package_dirs=[...]")
     if path.stat().st_size > MAX_MESH_BYTES:
-        raise RobotError(f"{robot.name}: mesh '{uri}' has {path.stat().st_size / 1e6:.0f} MB; expected below {MAX_MESH_BYTES / 1e6:.0f} MB")
+        raise RobotError(
+            f"{robot.name}: mesh '{uri}' has {path.stat().st_size / 1e6:.0f} MB; expected below {MAX_MESH_BYTES / 1e6:.0f} MB"
+        )
     return path
 
 
@@ -60,11 +63,11 @@ def locate_mesh(uri: str, package_dirs: Iterable[Path], folder: Path | None, lab
     Raises:
         RobotError: the path leaves the folders, or is of a kind that is not supported.
     """
-    scheme = urlsplit(uri).scheme if "://" in uri else ""
-    if scheme in ("package", "model"):
+    scheme = uri.split("://", 1)[0] if "://" in uri else ""
+    if uri.startswith(PACKAGE_SCHEMES):
         return _in_package(uri.split("://", 1)[1], package_dirs, label)
     if scheme not in ("", "file"):
-        raise RobotError(f"{label}: '{scheme}://' is not supported; expected package://, or a path")
+        raise RobotError(f"{label}: '{scheme[:20]}://' is not supported; expected package://, or a path")
     path = Path(unquote(uri.removeprefix("file://"))) if scheme else Path(uri)
     if not path.is_absolute():
         if folder is None:
@@ -77,12 +80,20 @@ def locate_mesh(uri: str, package_dirs: Iterable[Path], folder: Path | None, lab
 def default_package_dirs(root: ET.Element, folder: Path) -> tuple[Path, ...]:
     """Folders implied by the place of a user's URDF.
 
-    For each ``package://name``, the nearest folder at or above the URDF that holds ``name``; and the package itself (the
-    nearest one with a ``package.xml``, or the parent of a folder called ``urdf``) for relative paths.
+    For each ``package://name``, the nearest folder at or above the URDF that holds ``name``, where ``name`` is a package
+    (it has a ``package.xml``), or holds the URDF, or lies beside it: ``package://etc`` finds no ``/etc``. For relative
+    paths, the package the URDF is in: the nearest folder with a ``package.xml``, or the parent of a folder called ``urdf``.
     """
-    packages = {m.get("filename").split("://", 1)[1].split("/", 1)[0] for m in root.iter("mesh") if "://" in (m.get("filename") or "")}
+    uris = [m.get("filename") or "" for m in root.iter("mesh")]
+    packages = sorted(
+        {uri.split("://", 1)[1].split("/", 1)[0] for uri in uris if uri.startswith(PACKAGE_SCHEMES)} - {"", ".", ".."}
+    )
     chain = (folder, *folder.parents)
-    found = [next((p for p in chain if (p / name).is_dir()), None) for name in sorted(packages - {"", ".", ".."})]
+
+    def is_package(path: Path) -> bool:
+        return path in chain or (path.is_dir() and ((path / "package.xml").is_file() or path.parent == folder))
+
+    found = [next((p for p in chain if is_package(p / name)), None) for name in packages]
     own = next((p for p in chain[:4] if (p / "package.xml").is_file()), folder.parent if folder.name in URDF_FOLDERS else folder)
     return tuple(dict.fromkeys([*(p for p in found if p), own]))
 
@@ -120,4 +131,6 @@ def _contained(path: Path, roots: Iterable[Path], label: str) -> Path:
             return real
     except (OSError, ValueError, RuntimeError):
         raise RobotError(f"{label}: is not a usable path") from None
-    raise RobotError(f"{label}: leads outside the package folders ({', '.join(map(str, roots)) or 'none declared'}); give package_dirs=[...]")
+    raise RobotError(
+        f"{label}: leads outside the package folders ({', '.join(map(str, roots)) or 'none declared'}); give package_dirs=[...]"
+    )

@@ -101,8 +101,8 @@ class RobotModel:
         if not matches:
             import difflib
 
-            near = difflib.get_close_matches(frame, self.frame_names, n=5, cutoff=0.3)
-            raise RobotError(f"{self.name}: no frame named '{frame}'; did you mean one of {', '.join(near or self.frame_names[:8])}?")
+            near = difflib.get_close_matches(frame, self.frame_names, n=5, cutoff=0.3) or self.frame_names[:8]
+            raise RobotError(f"{self.name}: no frame named '{frame}'; did you mean one of {', '.join(near)}?")
         return max(matches, key=lambda i: self.model.frames[i].type == pin.FrameType.BODY)
 
     @cached_property

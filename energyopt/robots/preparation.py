@@ -78,7 +78,8 @@ def lock_notes(root: ET.Element, values: Mapping[str, float]) -> list[str]:
     for name, value in values.items():
         mimic = joints[name].find("mimic")
         if mimic is not None:
-            notes.append(f"Joint '{name}' mimics '{mimic.get('joint')}' and is locked at {value:g}.")
+            alone = "" if mimic.get("joint") in values else ", though its master moves"
+            notes.append(f"Joint '{name}' mimics '{mimic.get('joint')}' and is locked at {value:g}{alone}.")
     return notes
 
 
@@ -101,8 +102,8 @@ def refuse_free_bodies(root: ET.Element, where: str) -> None:
         kind, name = joint.get("type"), joint.get("name")
         if kind in ("floating", "planar"):
             raise RobotError(
-                f"{where}: joint '{name}' is {kind}: a base that moves freely is not driven by joint torques, so they do not follow "
-                f"from the joint motion; where the base is bolted down, make the joint fixed (locked={{'{name}': 0}})"
+                f"{where}: joint '{name}' is {kind}: a base that moves freely has no actuator, so the joint torques do not "
+                f"follow from the joint motion; where the base is bolted down, make the joint fixed (locked={{'{name}': 0}})"
             )
 
 
@@ -217,7 +218,7 @@ def _range(joint: ET.Element) -> tuple[float, float]:
 
 def _neutral(joint: ET.Element) -> float:
     lower, upper = _range(joint)
-    return min(max(0.0, lower), upper)
+    return min(max(0.0, lower), upper) + 0.0
 
 
 def _check_lock(joint: ET.Element, value: float, where: str) -> None:
@@ -241,9 +242,13 @@ def _mimic_value(joints: Mapping[str, ET.Element], name: str, values: Mapping[st
     while chain[-1] not in values and (mimic := joints[chain[-1]].find("mimic")) is not None:
         master = mimic.get("joint")
         if master not in joints:
-            raise RobotError(f"{where}: joint '{chain[-1]}' mimics '{master}', which is no moving joint; {did_you_mean(str(master), joints)}")
+            raise RobotError(
+                f"{where}: joint '{chain[-1]}' mimics '{master}', which is no moving joint; {did_you_mean(str(master), joints)}"
+            )
         if master in chain:
-            raise RobotError(f"{where}: joint '{name}' mimics itself through {', '.join(chain[1:]) or 'its own name'}; expected another joint")
+            raise RobotError(
+                f"{where}: joint '{name}' mimics itself through {', '.join(chain[1:]) or 'its own name'}; expected another joint"
+            )
         chain.append(master)
     value = values[chain[-1]] if chain[-1] in values else _neutral(joints[chain[-1]])
     for follower in reversed(chain[:-1]):

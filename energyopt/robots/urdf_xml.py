@@ -7,6 +7,7 @@ joints form one tree, and whose numbers all parse; nothing physical has been jud
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from pathlib import Path
@@ -17,6 +18,8 @@ from energyopt.errors import RobotError
 MAX_URDF_BYTES = 20_000_000
 """Larger URDF files are refused: the largest robots known to us need less than 1 MB."""
 MAX_DEPTH = 64
+MAX_LINKS = 2000
+MAX_NAME = 200
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 NUMBERS = {
@@ -34,6 +37,8 @@ NUMBERS = {
     "mesh": {"scale": 3},
 }
 """Attributes that hold numbers, by element, with how many."""
+PLAIN_NUMBER = re.compile(r"[+\-.0-9a-zA-Z]{1,60}")
+"""Excludes what Python reads as a number and C++ does not: underscores and digits of other scripts."""
 MAY_BE_INFINITE = ("lower", "upper", "effort", "velocity")
 
 
@@ -124,10 +129,16 @@ def _check_names(root: ET.Element, where: str) -> None:
         names = [e.get("name") or "" for e in root.findall(kind)]
         if "" in names:
             raise RobotError(f"{where}: {kind} number {names.index('') + 1} has no name")
+        unprintable = [n for n in names if not n.isprintable() or len(n) > MAX_NAME]
+        if unprintable:
+            raise RobotError(f"{where}: {kind} name {unprintable[0][:40]!r} is too long or has control characters")
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
             raise RobotError(f"{where}: {kind} '{repeated[0]}' is defined more than once; names must be unique")
-    if not root.findall("link"):
+    count = len(root.findall("link"))
+    if count > MAX_LINKS:
+        raise RobotError(f"{where}: has {count} links; expected at most {MAX_LINKS}")
+    if not count:
         raise RobotError(f"{where}: has no <link>; expected a robot")
     for joint in root.findall("joint"):
         if joint.get("type") not in JOINT_TYPES:
@@ -151,13 +162,13 @@ def _check_number(element: ET.Element, key: str, count: int, owner: str) -> None
     words = element.get(key).split()
     expected = "a finite number" if count == 1 else f"{count} finite numbers"
     try:
-        values = [float(word) for word in words]
+        values = [float(word) for word in words if PLAIN_NUMBER.fullmatch(word)]
     except ValueError:
         values = []
     infinite_is_fine = element.tag == "limit" and key in MAY_BE_INFINITE
     good = all(math.isfinite(x) or (infinite_is_fine and not math.isnan(x)) for x in values)
     if len(values) != count or not good:
-        raise RobotError(f'{owner}: <{element.tag} {key}="{element.get(key)[:80]}">: expected {expected}')
+        raise RobotError(f'{owner}: <{element.tag} {key}="{" ".join(words)[:80]}">: expected {expected}')
 
 
 def _check_inertial_is_complete(inertial: ET.Element, owner: str) -> None:
@@ -181,15 +192,19 @@ def _check_tree(root: ET.Element, where: str) -> None:
         child = child_link(joint)
         if child in joint_above:
             other = joint_above[child].get("name")
-            raise RobotError(f"{where}: link '{child}' hangs on two joints, '{other}' and '{name}': kinematic loops are not supported")
+            raise RobotError(
+                f"{where}: link '{child}' hangs on two joints, '{other}' and '{name}': kinematic loops are not supported"
+            )
         joint_above[child] = joint
-    for start in links:
-        seen, link = {start}, start
-        while link in joint_above:
-            link = parent_link(joint_above[link])
-            if link in seen:
+    rooted: set[str] = set()
+    for link in sorted(links):
+        path: dict[str, None] = {}
+        while link in joint_above and link not in rooted:
+            if link in path:
                 raise RobotError(f"{where}: link '{link}' is its own ancestor: kinematic loops are not supported")
-            seen.add(link)
+            path[link] = None
+            link = parent_link(joint_above[link])
+        rooted.update(path)
     roots = sorted(links - set(joint_above))
     if len(roots) > 1:
         raise RobotError(f"{where}: links '{roots[0]}' and '{roots[1]}' both have no parent; expected one base link")
