@@ -46,7 +46,7 @@ def baseline(problem: Problem, kind: str = "quintic", goal: np.ndarray | None = 
         raise ProblemError(f"baseline '{kind}' is unknown: expected one of {', '.join(BASELINES)}")
     end = problem.goal_position if goal is None else np.asarray(goal, float)
     if end is None:
-        raise ProblemError("baseline: the goal is a Cartesian pose; pass goal=joint positions that reach it, such as the plan's last")
+        raise ProblemError("baseline: the goal is a Cartesian pose; pass goal=joint positions that reach it (the plan's last)")
     if end.shape != (problem.robot.nv,) or not np.all(np.isfinite(end)):
         raise ProblemError(f"baseline: goal must be {problem.robot.nv} finite joint positions, got shape {end.shape}")
     times, points = _stations(problem, end)
