@@ -210,7 +210,7 @@ def _payloads(payload: Any, where: str) -> list[Payload]:
 
 def _pinocchio(root: ET.Element, where: str) -> pin.Model:
     try:
-        return pin.buildModelFromXML(prepare.to_text(root))
+        return pin.buildModelFromXML(prepare.to_text(prepare.without_limits(root)))
     except Exception as error:  # the bindings raise several types, none documented
         raise RobotError(f"{where}: Pinocchio cannot build a model of it: {' '.join(str(error).split())[:200]}") from None
 

@@ -65,7 +65,7 @@ def locate_mesh(uri: str, package_dirs: Iterable[Path], folder: Path | None, lab
     """
     scheme = uri.split("://", 1)[0] if "://" in uri else ""
     if uri.startswith(PACKAGE_SCHEMES):
-        return _in_package(uri.split("://", 1)[1], package_dirs, label)
+        return _in_package(_package_path(uri), package_dirs, label)
     if scheme not in ("", "file"):
         raise RobotError(f"{label}: '{scheme[:20]}://' is not supported; expected package://, or a path")
     path = Path(unquote(uri.removeprefix("file://"))) if scheme else Path(uri)
@@ -85,9 +85,7 @@ def default_package_dirs(root: ET.Element, folder: Path) -> tuple[Path, ...]:
     paths, the package the URDF is in: the nearest folder with a ``package.xml``, or the parent of a folder called ``urdf``.
     """
     uris = [m.get("filename") or "" for m in root.iter("mesh")]
-    packages = sorted(
-        {uri.split("://", 1)[1].split("/", 1)[0] for uri in uris if uri.startswith(PACKAGE_SCHEMES)} - {"", ".", ".."}
-    )
+    packages = sorted({_package_path(uri).partition("/")[0] for uri in uris if uri.startswith(PACKAGE_SCHEMES)} - {"", ".", ".."})
     chain = (folder, *folder.parents)
 
     def is_package(path: Path) -> bool:
@@ -111,6 +109,11 @@ def declared_package_dirs(package_dirs: Iterable[str | Path] | str | Path, where
         if not folder.is_dir():
             raise RobotError(f"{where}: package_dirs: {folder} is not a folder")
     return folders
+
+
+def _package_path(uri: str) -> str:
+    """What follows ``package://``; a third slash, found in some files, is forgiven."""
+    return uri.split("://", 1)[1].lstrip("/")
 
 
 def _in_package(path: str, package_dirs: Iterable[Path], label: str) -> Path | None:

@@ -18,6 +18,7 @@ import difflib
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -120,6 +121,16 @@ def bound_continuous_joints(root: ET.Element, ranges: Callable[[str], tuple[floa
             limit.set("upper", repr(upper))
             names.append(f"{joint.get('name')} [{lower:.4g}, {upper:.4g}]")
     return [f"Continuous joints made revolute with the range: {', '.join(names)} rad."] if names else []
+
+
+def without_limits(root: ET.Element) -> ET.Element:
+    """A copy whose limits are all ±1: for building a model before the limits in force are known (files lack some)."""
+    copy = deepcopy(root)
+    for joint in moving_joints(copy):
+        for limit in joint.findall("limit"):
+            joint.remove(limit)
+        ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
+    return copy
 
 
 def attach_payload(root: ET.Element, payload: Payload, tool_frame: str, where: str) -> str:
