@@ -83,8 +83,8 @@ class SplineSpace(MotionSpace):
             low = self._design(t, span, self.degree - order)
             if order:
                 difference = self._difference(order) @ difference
-            local = low @ difference
-            values[:, order] = local[np.arange(len(t))[:, None], columns].reshape(columns.shape)
+            local = (low @ difference).toarray()
+            values[:, order] = np.take_along_axis(local, columns, axis=1)
         return columns, values
 
     def quadrature(self):

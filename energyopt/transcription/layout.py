@@ -1,0 +1,131 @@
+"""The arrays that describe a nonlinear program to its evaluators: samples, torque rows, and where each derivative goes.
+
+Torque rows are linear combinations of sample torques, g = D τ: a torque limit is one entry of D, a limit on the torque rate
+the difference of two neighbouring samples over the time between them. The sparsity of Jacobian and Hessian follows from
+which blocks of unknowns each sample touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+
+from energyopt.parameterizations.space import MotionSpace, Unknowns
+from energyopt.transcription.linear import LinearRows
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRows:
+    """lower ≤ D τ ≤ upper, D given by entries; samples are counted over quadrature and extra samples together.
+
+    Attributes:
+        times: extra samples [s], (E,), beyond those of the quadrature.
+        row, sample, joint, scale: one entry of D each.
+        lower, upper: (R,) [N·m] or [N·m/s].
+    """
+
+    times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    row: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    sample: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    joint: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    scale: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    lower: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    upper: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Everything `samples.c` calls Program, but for the work arrays; see there for shapes."""
+
+    nv: int
+    basis: np.ndarray
+    column: np.ndarray
+    unknowns: Unknowns
+    weight: np.ndarray
+    torque_weight: np.ndarray
+    state_weight: np.ndarray
+    linear: LinearRows
+    torque: TorqueRows
+    jac_start: np.ndarray
+    jac_row: np.ndarray
+    jac_constant: np.ndarray
+    entry_target: np.ndarray
+    demand: np.ndarray
+    entry_demand: np.ndarray
+    hess_start: np.ndarray
+    hess_row: np.ndarray
+    hess_place: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return self.unknowns.count * self.nv
+
+    @property
+    def rows(self) -> int:
+        return len(self.linear.lower) + len(self.torque.lower)
+
+
+def make_layout(
+    space: MotionSpace, unknowns: Unknowns, linear: LinearRows, torque: TorqueRows, weights: tuple[np.ndarray, np.ndarray]
+) -> Layout:
+    """Lay out a program. ``weights``: those of τ² (nv,) and of (q², q̇², q̈²) (3 nv,) in the cost."""
+    nv = len(weights[0])
+    column, basis = space.quadrature_basis()
+    weight = space.quadrature()[1]
+    if len(torque.times):
+        more_columns, more_basis = space.basis(torque.times)
+        column, basis = np.concatenate([column, more_columns]), np.concatenate([basis, more_basis])
+        weight = np.concatenate([weight, np.zeros(len(torque.times))])
+    local_block = unknowns.block[column]
+    demand, entry_demand = np.unique(torque.sample, return_inverse=True)
+    jacobian = _jacobian_pattern(linear, torque, local_block, nv)
+    return Layout(
+        nv, basis, column, unknowns, weight, *weights, linear, torque, *jacobian, demand, entry_demand,
+        *_hessian_pattern(local_block, unknowns.count, nv),
+    )  # fmt: skip
+
+
+def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.ndarray, nv: int):
+    """Column starts, rows and constant values of the Jacobian, and the place of each torque entry's derivatives in it."""
+    first, size = linear.matrix.shape
+    blocks = local_block[torque.sample]
+    columns = np.where(blocks[..., None] >= 0, blocks[..., None] * nv + np.arange(nv), -1).reshape(len(blocks), local_block.shape[1] * nv)
+    rows = np.broadcast_to((first + torque.row)[:, None], columns.shape)
+    there = columns >= 0
+    fixed = linear.matrix.tocoo()
+    every_row = np.concatenate([fixed.coords[0], rows[there]])
+    every_column = np.concatenate([fixed.coords[1], columns[there]])
+    total = first + len(torque.lower)
+    key = every_column.astype(np.int64) * max(total, 1) + every_row
+    places, inverse = np.unique(key, return_inverse=True)
+    start = np.searchsorted(places, np.arange(size + 1, dtype=np.int64) * max(total, 1))
+    constant = np.zeros(len(places))
+    constant[inverse[: fixed.nnz]] = fixed.data
+    target = np.full(columns.shape, -1)
+    target[there] = inverse[fixed.nnz :]
+    return start, places % max(total, 1), constant, target
+
+
+def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):
+    """Upper triangle by block pairs: column starts (size + 1,), rows, and for blocks A ≤ B the offset of A in B's columns."""
+    together = csr_array((np.ones(local_block.size), (np.repeat(np.arange(len(local_block)), local_block.shape[1]),
+                          local_block.ravel() + 1)), shape=(len(local_block), count + 1))[:, 1:]  # fmt: skip
+    pairs = csc_array(together.T @ together)
+    pairs.sort_indices()
+    a, b = pairs.indices, np.repeat(np.arange(count), np.diff(pairs.indptr))
+    upper = a <= b
+    a, b = a[upper], b[upper]
+    first = np.searchsorted(b, np.arange(count))
+    rank = np.arange(len(b)) - first[b]
+    place = np.full((count, count), -1)
+    place[a, b] = rank * nv
+    above = np.bincount(b, minlength=count) - 1
+    lengths = (above[:, None] * nv + np.arange(1, nv + 1)).ravel()
+    start = np.concatenate([[0], np.cumsum(lengths)])
+    rows = np.concatenate([
+        np.concatenate([(a[b == B][:, None] * nv + np.arange(nv)).ravel()[: above[B] * nv + j + 1] for j in range(nv)])
+        for B in range(count)
+    ]) if count else np.zeros(0, int)  # fmt: skip
+    return start, rows, place
