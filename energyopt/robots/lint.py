@@ -2,8 +2,8 @@
 
 A rigid body's inertia matrix about its centre of mass has principal moments J₁ ≤ J₂ ≤ J₃ with J₁ ≥ 0 and
 J₁ + J₂ ≥ J₃ (each moment is an integral of squared distances; P. M. Wensing et al., "Linear Matrix Inequalities for
-Physically-Consistent Inertial Parameter Identification", 2018, eq. 5). Files round their numbers, so an excess of
-1e-6 of J₃, or of what the same mass would have at 0.03 mm, is let pass.
+Physically-Consistent Inertial Parameter Identification", 2018, eq. 5). Files round their numbers to four or five digits,
+so an excess of 1e-4 of J₃, or of what the same mass would have at 0.03 mm, is let pass.
 
 Real files also hold links of no weight, and trifles (antennas, foot contacts) with made-up inertias. What counts is
 what moves: a fault is an error where it enters the dynamics, and a note where the link never moves, or where it is
@@ -20,7 +20,7 @@ import pinocchio as pin
 from energyopt.errors import RobotError
 from energyopt.robots.urdf_xml import child_link, moving_joints, numbers, parent_link
 
-RELATIVE_EXCESS = 1e-6
+RELATIVE_EXCESS = 1e-4
 SQUARED_LENGTH = 1e-9
 """Tolerances of the triangle inequality: of the largest moment, and per mass [m²]."""
 TRIFLE = 0.01

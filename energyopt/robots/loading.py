@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def load_robot(
     viscous_friction: Any = 0.0,
     coulomb_friction: Any = 0.0,
     coulomb_velocity: float = COULOMB_SMOOTHING,
-    payload: Payload | Iterable[Payload] | None = None,
+    payload: Payload | Sequence[Payload] | None = None,
     gravity: ArrayLike = GRAVITY,
     package_dirs: Iterable[str | Path] | str | Path = (),
     continuous_range: Any = None,
@@ -201,7 +201,7 @@ def _continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tu
 
 
 def _payloads(payload: Any, where: str) -> list[Payload]:
-    bodies = [] if payload is None else [payload] if isinstance(payload, Payload) else list(payload)
+    bodies = [] if payload is None else list(payload) if isinstance(payload, (list, tuple)) else [payload]
     for body in bodies:
         if not isinstance(body, Payload):
             raise RobotError(f"{where}: payload is {body!r:.80}; expected energyopt.Payload(mass, center, inertia, frame)")

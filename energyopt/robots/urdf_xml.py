@@ -48,21 +48,23 @@ def read_urdf(path: Path) -> str:
     Raises:
         RobotError: missing, a folder, not a regular file, too large, unreadable, or not text.
     """
+    if path.is_dir():
+        raise RobotError(f"{path}: is a folder; expected a URDF file")
+    if not path.exists():
+        raise RobotError(f"{path!s:.300}: no such file; expected a URDF file or a name of energyopt.robots.catalogue()")
+    if not path.is_file():
+        raise RobotError(f"{path}: is not a regular file; expected a URDF file")
     try:
-        if path.is_dir():
-            raise RobotError(f"{path}: is a folder; expected a URDF file")
-        if not path.exists():
-            raise RobotError(f"{path}: no such file; expected a URDF file or a name of energyopt.robots.catalogue()")
-        if not path.is_file():
-            raise RobotError(f"{path}: is not a regular file; expected a URDF file")
         size = path.stat().st_size
-        if size > MAX_URDF_BYTES:
-            raise RobotError(f"{path}: {size / 1e6:.0f} MB; expected a URDF file below {MAX_URDF_BYTES / 1e6:.0f} MB")
-        return path.read_bytes().decode("utf-8-sig")
+        data = path.read_bytes() if size <= MAX_URDF_BYTES else b""
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (UnicodeDecodeError, ValueError):
-        raise RobotError(f"{path!s:.200}: is not UTF-8 text; expected a URDF file") from None
+    if size > MAX_URDF_BYTES:
+        raise RobotError(f"{path}: {size / 1e6:.0f} MB; expected a URDF file of at most {MAX_URDF_BYTES / 1e6:.0f} MB")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RobotError(f"{path}: is not UTF-8 text; expected a URDF file") from None
 
 
 def parse_urdf(text: str, where: str) -> ET.Element:
