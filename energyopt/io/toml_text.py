@@ -1,0 +1,141 @@
+"""Reading a TOML file from anywhere: size capped, every failure one line, and every key can be found again by its line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from energyopt.errors import FileError, ProblemError
+
+MAX_TOML_BYTES = 1_000_000
+"""Larger files are refused: a problem is a page of text."""
+LARGEST_NUMBER = 1e100
+"""Beyond this no quantity of a robot is meant, and squares overflow."""
+
+_HEADER = re.compile(r"\s*\[{1,2}\s*([^\[\]#]+?)\s*\]{1,2}\s*(#.*)?$")
+_KEY = re.compile(r"""\s*((?:[A-Za-z0-9_\-.]|"[^"]*"|'[^']*')+)\s*=""")
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed TOML file.
+
+    Attributes:
+        path: where it was read.
+        text: its text.
+        table: its content.
+    """
+
+    path: Path
+    text: str
+    table: dict[str, Any]
+
+    def place(self, key: str) -> str:
+        """``file:line`` of a dotted key such as "problem.start[2]"; of the nearest enclosing table where it has no line."""
+        wanted = tuple(re.sub(r"\[\d+\]", "", key).split("."))
+        index = re.search(r"\[(\d+)\]", key)
+        best, line = 0, 0
+        for number, found, nth in _keys(self.text):
+            depth = len(found)
+            fits = found == wanted[:depth] and (index is None or depth > 1 or nth in (0, int(index[1]) + 1))
+            if fits and depth > best:
+                best, line = depth, number
+        return f"{self.path}:{line}" if line else str(self.path)
+
+    def error(self, key: str, reason: str) -> ProblemError:
+        """The error "file:line: key reason"."""
+        return ProblemError(f"{self.place(key)}: {key} {reason}")
+
+
+def read_toml(path: Path) -> Document:
+    """Parse a TOML file whose numbers are all finite.
+
+    Raises:
+        FileError: missing, a folder, not a regular file, too large, unreadable, not UTF-8.
+        ProblemError: not TOML (with the line), or a number that is not finite (with its key).
+    """
+    text = _read_text(path)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(path, str(error)) from None
+    except RecursionError:
+        raise ProblemError(f"{path}: tables or lists are nested too deeply") from None
+    except ValueError as error:  # numbers and dates that look right and are not
+        raise _syntax_error(path, str(error)) from None
+    document = Document(path, text, table)
+    for key, value in _leaves("", table):
+        if isinstance(value, (int, float)) and not abs(value) <= LARGEST_NUMBER:
+            shown = f"{value}" if isinstance(value, float) else "larger than 1e100"
+            raise document.error(key, f"is {shown}; expected a finite number")
+    return document
+
+
+def shown(value: Any, width: int = 60) -> str:
+    """A value as it would stand in the file, on one line, shortened."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "a table with the keys " + ", ".join(map(str, value)) if value else "an empty table"
+    text = f'"{value}"' if isinstance(value, str) else repr(value) if isinstance(value, (int, float, list)) else str(value)
+    text = " ".join(text.split())
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.is_dir():
+            raise FileError(f"{path}: is a folder; expected a TOML file")
+        if not path.exists():
+            raise FileError(f"{path}: no such file")
+        if not path.is_file():
+            raise FileError(f"{path}: is not a regular file; expected a TOML file")
+        with path.open("rb") as file:
+            data = file.read(MAX_TOML_BYTES + 1)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(data) > MAX_TOML_BYTES:
+        raise FileError(f"{path}: larger than {MAX_TOML_BYTES / 1e6:.0f} MB; expected a problem file, a page of TOML")
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: not UTF-8 text (byte {error.start}); expected a TOML file") from None
+
+
+def _syntax_error(path: Path, message: str) -> ProblemError:
+    place = re.search(r"\s*\(at line (\d+), column (\d+)\)", message)
+    where = f"{path}:{place[1]}:{place[2]}" if place else str(path)
+    reason = " ".join((message.replace(place[0], "") if place else message).split())
+    return ProblemError(f"{where}: not valid TOML: {reason}")
+
+
+def _leaves(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _leaves(f"{prefix}.{key}" if prefix else key, entry)
+    elif isinstance(value, list):
+        for i, entry in enumerate(value):
+            yield from _leaves(f"{prefix}[{i}]", entry)
+    else:
+        yield prefix, value
+
+
+def _keys(text: str) -> Iterator[tuple[int, tuple[str, ...], int]]:
+    """Line number, full key, and for a table of an array its place in it (from 1, else 0), for every header and key."""
+    table, nth, counts = (), 0, {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        if header := _HEADER.match(line):
+            table = _parts(header[1])
+            counts[table] = counts.get(table, 0) + 1
+            nth = counts[table] if line.lstrip().startswith("[[") else 0
+            yield number, table, nth
+        elif key := _KEY.match(line):
+            yield number, table + _parts(key[1]), nth
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip().strip("\"'") for part in dotted.split("."))
