@@ -1,9 +1,9 @@
 """The keys of a problem file, with their kinds and units. This table is the format; everything else follows it.
 
-    angles = "rad"                what angles are in: "rad" (also rad/s …) or "deg"
-    [robot]   [robot.payload]   [robot.limits]      which arm, what it holds, how it differs from its file
-    [problem]   [limits]   [[waypoints]]            what is asked of it
-    [method]                                        how to solve it
+angles = "rad"  what angles are in: "rad" (also rad/s …) or "deg"
+[robot]   [robot.payload]   [robot.limits]      which arm, what it holds, how it differs from its file
+[problem]   [limits]   [[waypoints]]            what is asked of it
+[method]                                        how to solve it
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def _limit(unit: str) -> Kind:
 
 
 def _friction(unit: str) -> Kind:
-    return either(_for_joints(unit, low=0), by_joint(number(unit, low=0)), Kind("\"urdf\"", lambda x: x == "urdf"))
+    return either(_for_joints(unit, low=0), by_joint(number(unit, low=0)), Kind('"urdf"', lambda x: x == "urdf"))
 
 
 _POSITION_LIMIT = Kind(
@@ -86,7 +86,7 @@ _ROBOT = Table(
     },
 )
 
-_CONFIGURATION = either(numbers("a list of joint positions [rad or m]"), Kind("\"home\"", lambda x: x == "home"))
+_CONFIGURATION = either(numbers("a list of joint positions [rad or m]"), Kind('"home"', lambda x: x == "home"))
 
 _FRAME_GOAL = Table(
     {

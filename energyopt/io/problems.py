@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from energyopt.errors import ProblemError
+from energyopt.errors import ProblemError, RobotError
 from energyopt.io.find import find_problem
 from energyopt.io.problem_schema import METHOD, PLAN_OPTIONS, PROBLEM_FILE
 from energyopt.io.robot_section import build_robot
@@ -129,7 +129,12 @@ def _frame_goal(document: Document, goal: dict[str, Any], robot: RobotModel, ang
         import pinocchio as pin
 
         rotation = pin.rpy.rpyToMatrix(np.array(goal["rpy"], dtype=float) * (DEGREE if angles == "deg" else 1.0))
-    return FramePose(goal.get("frame", robot.tool_frame), np.array(goal["position"], dtype=float), rotation)
+    frame = goal.get("frame", robot.tool_frame)
+    try:
+        robot.frame_id(frame)
+    except RobotError as error:
+        raise ProblemError(f"{document.place('problem.goal.frame')}: {error}") from None
+    return FramePose(frame, np.array(goal["position"], dtype=float), rotation)
 
 
 def _limit(document: Document, key: str, value: Any, robot: RobotModel) -> Any:

@@ -41,7 +41,7 @@ class Document:
         best, line = 0, 0
         for number, found, nth in _keys(self.text):
             depth = len(found)
-            fits = found == wanted[:depth] and (index is None or depth > 1 or nth in (0, int(index[1]) + 1))
+            fits = found == wanted[:depth] and (index is None or nth in (0, int(index[1]) + 1))
             if fits and depth > best:
                 best, line = depth, number
         return f"{self.path}:{line}" if line else str(self.path)
