@@ -50,6 +50,7 @@ UNITS = {
 LIMIT_NAMES = ("position", "velocity", "acceleration", "jerk", "torque_percent", "torque_rate")
 """The entries that are limits; the others are conditions on the motion's ends and on what it passes."""
 
+
 def verify(problem: Problem, trajectory: Trajectory, per_span: int = 20) -> Violations:
     """Check a motion against everything its problem asks.
 

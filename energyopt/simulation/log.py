@@ -1,0 +1,69 @@
+"""ReplayLog: what happened when a plan was replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayLog:
+    """A simulated motion; rows are time, columns the robot's joints, the last row is at the end of the plan.
+
+    Attributes:
+        t: times [s], shape (N,).
+        q, v, a: simulated position [rad], velocity [rad/s] and acceleration [rad/s²], shape (N, nv).
+        tau: torque of the motors [N·m] after saturation, shape (N, nv).
+        power: mechanical power τ q̇ of every motor [W], shape (N, nv).
+        q_ref, v_ref: the planned motion; tau_planned: the planned torque, the feed-forward; shape (N, nv).
+        contacts: number of touching pairs of bodies, shape (N,); None where collision shapes were left out.
+        saturated: whether some motor was at its torque limit, shape (N,).
+        physics_step: time step of the integration [s].
+        wall_s: time the simulation took [s].
+        settings: gains, plant and options, for the record.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    power: np.ndarray
+    q_ref: np.ndarray
+    v_ref: np.ndarray
+    tau_planned: np.ndarray
+    contacts: np.ndarray | None
+    saturated: np.ndarray
+    physics_step: float
+    wall_s: float
+    settings: dict[str, float | str]
+
+    @property
+    def tracking_error(self) -> np.ndarray:
+        """Simulated minus planned position [rad], shape (N, nv)."""
+        return self.q - self.q_ref
+
+    @property
+    def tracking_rms(self) -> float:
+        """Root of the mean over time of the squared error norm, divided by √nv: the RMS error of one joint [rad]."""
+        return float(np.sqrt(np.mean(self.tracking_error**2)))
+
+    @property
+    def tracking_max(self) -> float:
+        """Largest error of any joint at any time [rad]."""
+        return float(np.abs(self.tracking_error).max())
+
+    @property
+    def saturated_steps(self) -> int:
+        return int(np.count_nonzero(self.saturated))
+
+    @property
+    def contact_steps(self) -> int:
+        """Number of steps with at least one contact; 0 also where contacts were not looked for."""
+        return 0 if self.contacts is None else int(np.count_nonzero(self.contacts))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The time series by name, ready for ``numpy.savez``."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
