@@ -164,7 +164,10 @@ ARGUMENTS = [
     ({"locked": {"joint1": "up"}}, ["locked", "joint1", "'up'"]),
     ({"locked": {"joint1": 99.0}}, ["joint1", "99", "[-6, 6]"]),
     ({"locked": ["joint1", "joint2", "joint3"]}, ["no joint is left"]),
+    ({"locked": ["joint9"]}, ["locked", "joint9", "joint1"]),
+    ({"locked": 5}, ["locked", "5", "names"]),
     ({"joints": "elbow*"}, ["joints", "elbow*"]),
+    ({"joints": 5}, ["joints", "5", "names"]),
     ({"position_limits": (1.0, -1.0)}, ["joint1", "inverted", "1 to -1"]),
     ({"position_limits": 3.0}, ["position_limits", "3.0"]),
     ({"velocity_limits": [1, 2]}, ["velocity_limits", "3 numbers"]),
@@ -183,6 +186,7 @@ ARGUMENTS = [
     ({"tool_frame": "claw"}, ["claw"]),
     ({"home": [0.0, 7.0, 0.0]}, ["home", "joint2", "7"]),
     ({"continuous_range": {"joint1": (-1, 1)}}, ["continuous_range", "joint1"]),
+    ({"package_dirs": 5}, ["package_dirs", "5"]),
     ({"package_dirs": ["/no/such/folder"]}, ["package_dirs", "/no/such/folder"]),
 ]
 

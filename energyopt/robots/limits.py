@@ -13,59 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from energyopt.errors import RobotError
+from energyopt.robots.arguments import joint_values
+from energyopt.robots.messages import shown
 from energyopt.robots.model import Limits
-from energyopt.robots.preparation import did_you_mean
 from energyopt.robots.urdf_xml import numbers
 
 FROM_URDF = {"velocity": "velocity", "torque": "effort"}
 SCALABLE = ("velocity", "torque", "acceleration", "jerk", "torque_rate")
 UNLIMITED = 1e9
 """How an infinite velocity or torque limit is written into a URDF, which knows no infinity."""
-
-
-def joint_values(
-    key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], default: ArrayLike, where: str
-) -> np.ndarray:
-    """One number a joint, from one number for all, a sequence in joint order, or a dict by joint name.
-
-    Args:
-        key: argument name, for messages.
-        value: what the caller gave.
-        names: joint names, in order.
-        default: values of the joints a dict leaves out, shape (nv,).
-
-    Raises:
-        RobotError: wrong count, unknown joint, not a number.
-    """
-    if isinstance(value, Mapping):
-        unknown = [n for n in value if n not in names]
-        if unknown:
-            raise RobotError(f"{where}: {key}: no moving joint named '{unknown[0]}'; {did_you_mean(str(unknown[0]), names)}")
-        value = [value.get(name, old) for name, old in zip(names, np.broadcast_to(default, len(names)), strict=True)]
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise RobotError(
-            f"{where}: {key} is {value!r:.100}; expected a number, {len(names)} numbers, or a dict by joint"
-        ) from None
-    if array.ndim == 0:
-        array = np.full(len(names), float(array))
-    if array.shape != (len(names),):
-        raise RobotError(f"{where}: {key} has shape {array.shape}; expected {len(names)} numbers, for {', '.join(names)}")
-    for name, number in zip(names, array, strict=True):
-        if np.isnan(number):
-            raise RobotError(f"{where}: {key} of joint '{name}' is nan; expected a number")
-    array.flags.writeable = False
-    return array
-
-
-def non_negative(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], where: str) -> np.ndarray:
-    """Like `joint_values`, and every number finite and ≥ 0."""
-    array = joint_values(key, value, names, 0.0, where)
-    for name, number in zip(names, array, strict=True):
-        if not 0 <= number < np.inf:
-            raise RobotError(f"{where}: {key} of joint '{name}' is {number:g}; expected a finite number ≥ 0")
-    return array
 
 
 def build_limits(
@@ -96,6 +52,8 @@ def build_limits(
         value = given.get(kind)
         array = stated if value is None else joint_values(f"{kind}_limits", value, names, stated, where)
         own[kind] = _checked(kind, array, names, attribute if value is None else None, where)
+    if scale is not None and not isinstance(scale, Mapping):
+        raise RobotError(f"{where}: limit_scale is {shown(scale)}; expected a dict such as {{'velocity': 0.5}}")
     for kind, factor in (scale or {}).items():
         if kind not in SCALABLE:
             raise RobotError(f"{where}: limit_scale: no limit '{kind}' to scale; expected {', '.join(SCALABLE)}")
@@ -143,7 +101,7 @@ def _given_positions(given: ArrayLike, names: Sequence[str], lower: np.ndarray, 
         else:
             low, high = given
     except (TypeError, ValueError, KeyError):
-        raise RobotError(f"{where}: position_limits is {given!r:.100}; expected (lower, upper), or such pairs by joint") from None
+        raise RobotError(f"{where}: position_limits is {shown(given)}; expected (lower, upper), or such pairs by joint") from None
     return (
         joint_values("position_limits (lower)", low, names, lower, where),
         joint_values("position_limits (upper)", high, names, upper, where),

@@ -146,7 +146,7 @@ def _link_mass(link: ET.Element) -> float:
 
 
 def _link_inertia(link: ET.Element) -> np.ndarray:
-    get = lambda key: numbers(link.find("inertial/inertia"), key, "0")[0]  # noqa: E731 (a table follows)
+    get = lambda key: numbers(link.find("inertial/inertia"), key, "0")[0]
     return np.array(
         [
             [get("ixx"), get("ixy"), get("ixz")],

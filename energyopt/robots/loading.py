@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,22 +15,34 @@ from numpy.typing import ArrayLike
 from energyopt.dynamics.body import COULOMB_SMOOTHING, Dynamics
 from energyopt.errors import RobotError
 from energyopt.robots import preparation as prepare
+from energyopt.robots.arguments import (
+    GRAVITY,
+    continuous_ranges,
+    friction,
+    gravity_vector,
+    joint_values,
+    locked_joints,
+    non_negative,
+    payloads,
+    positive,
+    stated_friction,
+    texts,
+)
 from energyopt.robots.catalogue import CATALOGUE, CatalogueEntry, find_entry, robots_folder
-from energyopt.robots.limits import build_limits, joint_values, non_negative, write_limits
+from energyopt.robots.limits import build_limits, write_limits
 from energyopt.robots.lint import lint_bodies, lint_links, lint_mass_matrix, normalise_axes
 from energyopt.robots.meshes import declared_package_dirs, default_package_dirs, lint_meshes
+from energyopt.robots.messages import shown
 from energyopt.robots.model import Limits, RobotModel
 from energyopt.robots.payload import Payload
-from energyopt.robots.urdf_xml import child_link, moving_joints, numbers, parent_link, parse_urdf, read_urdf
-
-GRAVITY = (0.0, 0.0, -9.81)
+from energyopt.robots.urdf_xml import child_link, moving_joints, parent_link, parse_urdf, read_urdf
 
 
 def load_robot(
     name_or_path: str | Path,
     *,
     locked: Mapping[str, float] | Iterable[str] | None = None,
-    joints: str | Iterable[str] | None = None,
+    joints: Iterable[str] | str | None = None,
     position_limits: Any = None,
     velocity_limits: Any = None,
     torque_limits: Any = None,
@@ -37,9 +50,9 @@ def load_robot(
     jerk_limits: Any = None,
     torque_rate_limits: Any = None,
     limit_scale: Mapping[str, ArrayLike] | None = None,
-    armature: Any = 0.0,
-    viscous_friction: Any = 0.0,
-    coulomb_friction: Any = 0.0,
+    armature: Any = None,
+    viscous_friction: Any = None,
+    coulomb_friction: Any = None,
     coulomb_velocity: float = COULOMB_SMOOTHING,
     payload: Payload | Sequence[Payload] | None = None,
     gravity: ArrayLike = GRAVITY,
@@ -61,8 +74,9 @@ def load_robot(
         position_limits: (lower, upper) or a dict of such pairs [rad or m]; velocity_limits [rad/s]; torque_limits [N·m];
             acceleration_limits [rad/s²]; jerk_limits [rad/s³]; torque_rate_limits [N·m/s]: in place of the URDF's.
         limit_scale: factors on limits, such as {"velocity": 0.5, "torque": 0.8}, applied last.
-        armature: rotor inertia seen at the joint [kg·m²].
-        viscous_friction: [N·m·s/rad]; coulomb_friction: [N·m]; "urdf" takes the file's damping and friction.
+        armature: rotor inertia seen at the joint [kg·m²], none by default.
+        viscous_friction: [N·m·s/rad]; coulomb_friction: [N·m]; none by default; "urdf" takes the
+            file's damping and friction.
         coulomb_velocity: velocity over which Coulomb friction changes sign [rad/s].
         payload: one body, or several, held by the robot.
         gravity: acceleration of gravity in the base frame [m/s²], shape (3,).
@@ -82,11 +96,12 @@ def load_robot(
     where = str(name_or_path) if entry else str(path)
     root = parse_urdf(read_urdf(path), where)
     folders = _mesh_folders(root, entry, path, package_dirs, where)
-    stated_friction = _stated_friction(root)
-    tool = tool_frame or (entry.tool_frame if entry else "") or _last_link(root)
+    of_file = stated_friction(root)
+    tool = next(iter(texts("tool_frame", tool_frame, "the name of a link or joint", where)), "")
+    tool = tool or (entry.tool_frame if entry else "") or _last_link(root)
 
     notes = _prepare(root, entry, locked, joints, continuous_range, where)
-    notes += [prepare.attach_payload(root, body, tool, where) for body in _payloads(payload, where)]
+    notes += [prepare.attach_payload(root, body, tool, where) for body in payloads(payload, where)]
     notes += lint_links(root, where)
     model = _pinocchio(root, where)
     names = tuple(model.names[1:])
@@ -96,12 +111,12 @@ def load_robot(
     given, assumed_note = _given_limits(given, entry)
     limits = build_limits(root, names, given, limit_scale, where)
     write_limits(root, names, limits)
-    _finish_model(model, limits, non_negative("armature", armature, names, where), _gravity(gravity, where))
+    _finish_model(model, limits, non_negative("armature", armature, names, where), gravity_vector(gravity, where))
     lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), where)
-    viscous, coulomb, friction_note = _friction(stated_friction, viscous_friction, coulomb_friction, names, where)
+    viscous, coulomb, friction_note = friction(of_file, viscous_friction, coulomb_friction, names, where)
     robot = RobotModel(
         name=str(name_or_path) if entry else root.get("name") or path.stem,
-        dynamics=Dynamics(model, viscous, coulomb, _positive("coulomb_velocity", coulomb_velocity, where)),
+        dynamics=Dynamics(model, viscous, coulomb, positive("coulomb_velocity", coulomb_velocity, where)),
         limits=limits,
         urdf=prepare.to_text(root),
         package_dirs=folders,
@@ -118,17 +133,17 @@ def load_robot(
 def _find(name_or_path: str | Path) -> tuple[CatalogueEntry | None, Path]:
     """The catalogue entry, or None for a file, and the absolute path of the URDF."""
     if not isinstance(name_or_path, (str, Path)):
-        raise RobotError(f"load_robot: got {name_or_path!r:.80}; expected a catalogue name or the path of a URDF")
+        raise RobotError(f"load_robot: got {shown(name_or_path)}; expected a catalogue name or the path of a URDF")
     text = str(name_or_path)
-    is_path = isinstance(name_or_path, Path) or "/" in text or "\\" in text or Path(text).suffix or Path(text).is_file()
-    if text not in CATALOGUE and is_path:
-        return None, Path(text).expanduser().absolute()
+    is_path = isinstance(name_or_path, Path) or "/" in text or "\\" in text or Path(text).suffix or os.path.isfile(text)
+    if is_path and not (isinstance(name_or_path, str) and text in CATALOGUE):
+        return None, Path(os.path.abspath(os.path.expanduser(text)))
     entry = find_entry(text)
     return entry, robots_folder() / entry.urdf
 
 
 def _mesh_folders(root: ET.Element, entry: CatalogueEntry | None, path: Path, declared: Any, where: str) -> tuple[Path, ...]:
-    folders = declared_package_dirs(declared, where)
+    folders = declared_package_dirs(texts("package_dirs", declared, "folders", where), where)
     folders += (robots_folder().parent.parent,) if entry else default_package_dirs(root, path.parent)
     lint_meshes(root, folders, path.parent, where)
     return folders
@@ -150,62 +165,23 @@ def _prepare(
     root: ET.Element, entry: CatalogueEntry | None, locked: Any, joints: Any, continuous_range: Any, where: str
 ) -> list[str]:
     """The preparation step of `preparation`, in place; returns its notes."""
-    free = prepare.selected_joints(root, joints if joints is not None or entry is None else entry.joints, where)
-    asked, named = _locked(locked, where)
-    values = prepare.lock_values(root, free - named, asked, where)
+    wanted = entry.joints.split() if entry else [j.get("name") for j in moving_joints(root)]
+    if joints is not None:
+        wanted = texts("joints", joints, "joint names or patterns", where)
+    asked, named = locked_joints(locked, where)
+    free = prepare.selected_joints(root, wanted, "joints", where) - prepare.selected_joints(root, named, "locked", where)
+    values = prepare.lock_values(root, free, asked, where)
     notes = normalise_axes(root, where)
     notes += prepare.lock_notes(root, values)
     prepare.fix_joints(root, values)
     prepare.refuse_free_bodies(root, where)
     continuous = [j.get("name") for j in moving_joints(root) if j.get("type") == "continuous"]
-    ranges = _continuous_ranges(continuous_range, continuous, where)
+    ranges = continuous_ranges(continuous_range, continuous, where)
     notes += prepare.bound_continuous_joints(root, ranges.__getitem__)
     prepare.strip_extras(root)
     if not moving_joints(root):
         raise RobotError(f"{where}: no joint is left to move; expected at least one that is not fixed, locked or a mimic")
     return notes
-
-
-def _locked(locked: Any, where: str) -> tuple[dict[str, float], set[str]]:
-    """Joints locked at a value, and joints locked at neutral."""
-    if locked is None:
-        return {}, set()
-    if isinstance(locked, Mapping):
-        return dict(locked), set()
-    names = [locked] if isinstance(locked, str) else list(locked)
-    if not all(isinstance(n, str) for n in names):
-        raise RobotError(f"{where}: locked is {locked!r:.100}; expected a dict of joint values, or joint names")
-    return {}, set(names)
-
-
-def _continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tuple[float, float]]:
-    if given is None:
-        return dict.fromkeys(names, prepare.CONTINUOUS_RANGE)
-    pairs = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
-    ranges = dict.fromkeys(names, prepare.CONTINUOUS_RANGE)
-    for name, pair in pairs.items():
-        if name not in names:
-            raise RobotError(
-                f"{where}: continuous_range: no continuous joint named '{name}'; {prepare.did_you_mean(str(name), names)}"
-            )
-        try:
-            lower, upper = (float(x) for x in pair)
-        except (TypeError, ValueError):
-            lower = upper = np.nan
-        if not (np.isfinite([lower, upper]).all() and lower < upper):
-            raise RobotError(
-                f"{where}: continuous_range of joint '{name}' is {pair!r:.80}; expected a finite pair lower < upper [rad]"
-            )
-        ranges[name] = (lower, upper)
-    return ranges
-
-
-def _payloads(payload: Any, where: str) -> list[Payload]:
-    bodies = [] if payload is None else list(payload) if isinstance(payload, (list, tuple)) else [payload]
-    for body in bodies:
-        if not isinstance(body, Payload):
-            raise RobotError(f"{where}: payload is {body!r:.80}; expected energyopt.Payload(mass, center, inertia, frame)")
-    return bodies
 
 
 def _pinocchio(root: ET.Element, where: str) -> pin.Model:
@@ -220,45 +196,6 @@ def _finish_model(model: pin.Model, limits: Limits, armature: np.ndarray, gravit
     model.gravity = pin.Motion(gravity, np.zeros(3))
     model.lowerPositionLimit, model.upperPositionLimit = np.array(limits.lower), np.array(limits.upper)
     model.velocityLimit, model.effortLimit = np.array(limits.velocity), np.array(limits.torque)
-
-
-def _gravity(value: ArrayLike, where: str) -> np.ndarray:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise RobotError(f"{where}: gravity is {value!r:.80}; expected three finite numbers [m/s²], such as (0, 0, -9.81)")
-    return array
-
-
-def _positive(key: str, value: Any, where: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not 0 < number < np.inf:
-        raise RobotError(f"{where}: {key} is {value!r:.80}; expected a positive number")
-    return number
-
-
-def _stated_friction(root: ET.Element) -> dict[str, dict[str, float]]:
-    """Viscous and Coulomb friction by joint name, as the file states them."""
-    joints = {j.get("name"): j.find("dynamics") for j in moving_joints(root)}
-    attributes = {"viscous": "damping", "coulomb": "friction"}
-    return {kind: {n: numbers(d, attribute, "0")[0] for n, d in joints.items()} for kind, attribute in attributes.items()}
-
-
-def _friction(stated: dict[str, dict[str, float]], viscous: Any, coulomb: Any, names: tuple[str, ...], where: str):
-    """Viscous and Coulomb coefficients, and a note where the file states some that are not used."""
-    arrays, unused = [], False
-    for kind, value in (("viscous", viscous), ("coulomb", coulomb)):
-        own = [stated[kind][n] for n in names]
-        from_urdf = isinstance(value, str) and value == "urdf"
-        arrays.append(non_negative(f"{kind}_friction", own if from_urdf else value, names, where))
-        unused |= any(own) and not from_urdf and not np.any(arrays[-1])
-    note = "The URDF's joint damping and friction are not used; viscous_friction='urdf', coulomb_friction='urdf' would use them."
-    return arrays[0], arrays[1], [note] if unused else []
 
 
 def _home(entry: CatalogueEntry | None, given: Any, names: tuple[str, ...], limits: Limits, where: str) -> np.ndarray:
@@ -284,7 +221,7 @@ def _catalogue_home(entry: CatalogueEntry, names: tuple[str, ...]) -> dict[str, 
     if len(names) == len(entry.home):
         return dict(zip(names, entry.home, strict=True))
     root = parse_urdf(read_urdf(robots_folder() / entry.urdf), entry.urdf)
-    chosen = prepare.selected_joints(root, entry.joints, entry.urdf)
+    chosen = prepare.selected_joints(root, entry.joints.split(), "joints", entry.urdf)
     ordered = [n for n in _pinocchio(root, entry.urdf).names if n in chosen]
     return dict(zip(ordered, entry.home, strict=True))
 

@@ -7,6 +7,7 @@ that lead outside are refused, so that a robot description cannot make a mesh im
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
@@ -32,7 +33,7 @@ def resolve_mesh(robot: RobotModel, uri: str) -> Path:
     """
     folder = robot.source.parent if robot.source else None
     path = locate_mesh(uri, robot.package_dirs, folder, f"{robot.name}: mesh '{uri}'")
-    if path is None or not path.is_file():
+    if path is None or not os.path.isfile(path):
         declared = ", ".join(map(str, robot.package_dirs)) or "none"
         raise RobotError(f"{robot.name}: mesh '{uri}' not found; package folders searched: {declared}; give package_dirs=[...]")
     if path.stat().st_size > MAX_MESH_BYTES:
@@ -96,17 +97,15 @@ def default_package_dirs(root: ET.Element, folder: Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys([*(p for p in found if p), own]))
 
 
-def declared_package_dirs(package_dirs: Iterable[str | Path] | str | Path, where: str) -> tuple[Path, ...]:
+def declared_package_dirs(package_dirs: Iterable[str], where: str) -> tuple[Path, ...]:
     """The caller's folders, absolute.
 
     Raises:
         RobotError: one is not a folder.
     """
-    if isinstance(package_dirs, (str, Path)):
-        package_dirs = (package_dirs,)
-    folders = tuple(Path(p).expanduser().absolute() for p in package_dirs)
+    folders = tuple(Path(os.path.abspath(os.path.expanduser(p))) for p in package_dirs)
     for folder in folders:
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise RobotError(f"{where}: package_dirs: {folder} is not a folder")
     return folders
 
@@ -124,7 +123,7 @@ def _in_package(path: str, package_dirs: Iterable[Path], label: str) -> Path | N
     for folder in package_dirs:
         root = folder if folder.name == package and not (folder / package).is_dir() else folder / package
         candidates.append(_contained(root / rest, [root], label))
-    return next((c for c in candidates if c.is_file()), candidates[0] if candidates else None)
+    return next((c for c in candidates if os.path.isfile(c)), candidates[0] if candidates else None)
 
 
 def _contained(path: Path, roots: Iterable[Path], label: str) -> Path:

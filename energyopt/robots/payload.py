@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from energyopt.errors import RobotError
 from energyopt.robots.lint import inertia_fault
+from energyopt.robots.messages import shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class Payload:
         object.__setattr__(self, "center", _numbers("center", self.center, ((3,),)))
         object.__setattr__(self, "inertia", _matrix(np.zeros(3) if self.inertia is None else self.inertia))
         if not isinstance(self.frame, str):
-            raise RobotError(f"payload: frame is {self.frame!r}; expected the name of a link or joint")
+            raise RobotError(f"payload: frame is {shown(self.frame)}; expected the name of a link or joint")
         if self.mass <= 0:
             raise RobotError(f"payload: mass is {self.mass:g} kg; expected a positive number")
         fault = inertia_fault(self.mass, self.inertia)
@@ -49,11 +50,11 @@ def _numbers(key: str, value: ArrayLike, shapes: tuple[tuple[int, ...], ...]) ->
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise RobotError(f"payload: {key} is {value!r}; expected {expected}") from None
+        raise RobotError(f"payload: {key} is {shown(value)}; expected {expected}") from None
     if array.shape not in shapes:
         raise RobotError(f"payload: {key} has shape {array.shape}; expected {expected}")
     if not np.isfinite(array).all():
-        raise RobotError(f"payload: {key} is {array.tolist()}; expected finite numbers")
+        raise RobotError(f"payload: {key} is {shown(array.tolist())}; expected finite numbers")
     array.flags.writeable = False
     return array
 
@@ -66,6 +67,6 @@ def _matrix(value: ArrayLike) -> np.ndarray:
         xx, xy, xz, yy, yz, zz = array
         array = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     elif np.abs(array - array.T).max() > 1e-9 * np.abs(array).max():
-        raise RobotError(f"payload: inertia {array.tolist()} is not symmetric; give the matrix about the centre of mass")
+        raise RobotError(f"payload: inertia {shown(array.tolist())} is not symmetric; give the matrix about the centre of mass")
     array.flags.writeable = False
     return array

@@ -14,7 +14,6 @@ Joint damping and friction leave the text: `Dynamics` states the friction in for
 
 from __future__ import annotations
 
-import difflib
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping
@@ -24,6 +23,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from energyopt.errors import RobotError
+from energyopt.robots.messages import did_you_mean, shown
 from energyopt.robots.payload import Payload
 from energyopt.robots.urdf_xml import child_link, moving_joints, numbers
 
@@ -32,20 +32,21 @@ CONTINUOUS_RANGE = (-2 * math.pi, 2 * math.pi)
 KEPT = ("link", "joint", "material")
 
 
-def selected_joints(root: ET.Element, joints: str | Iterable[str] | None, where: str) -> set[str]:
-    """Names of the joints that may move: those matching ``joints`` (names or patterns), or all.
+def selected_joints(root: ET.Element, patterns: Iterable[str], key: str, where: str) -> set[str]:
+    """Names of the moving joints that match one of the names or patterns.
+
+    Args:
+        key: argument the patterns come from, for messages.
 
     Raises:
         RobotError: a name or pattern matches no moving joint.
     """
     names = [j.get("name") for j in moving_joints(root)]
-    if joints is None:
-        return set(names)
     chosen: set[str] = set()
-    for pattern in joints.split() if isinstance(joints, str) else joints:
-        matches = [n for n in names if n == pattern or fnmatchcase(n, str(pattern))]
+    for pattern in patterns:
+        matches = [n for n in names if n == pattern or fnmatchcase(n, pattern)]
         if not matches:
-            raise RobotError(f"{where}: joints: no moving joint matches '{pattern}'; {did_you_mean(str(pattern), names)}")
+            raise RobotError(f"{where}: {key}: no moving joint matches '{pattern}'; {did_you_mean(pattern, names)}")
         chosen.update(matches)
     return chosen
 
@@ -62,6 +63,8 @@ def lock_values(root: ET.Element, free: set[str], locked: Mapping[str, float], w
             raise RobotError(f"{where}: locked: no moving joint named '{name}'; {did_you_mean(str(name), joints)}")
         _check_lock(joints[name], value, where)
     values = {n: float(v) for n, v in locked.items()}
+    for name in joints.keys() - free:
+        _refuse_inverted_range(joints[name], where)
     for name, joint in joints.items():
         if name not in free and name not in values and joint.find("mimic") is None:
             values[name] = _neutral(joint)
@@ -174,14 +177,6 @@ def to_text(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the nearest known ones, or some of them."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, n=4, cutoff=0.4)
-    shown = near or known[:8]
-    return f"{'nearest' if near else 'known'}: {', '.join(shown)}" if shown else "there is none"
-
-
 def rotation_from_rpy(rpy: Iterable[float]) -> np.ndarray:
     """R = Rz(yaw) Ry(pitch) Rx(roll), the URDF convention; shape (3, 3)."""
     roll, pitch, yaw = rpy
@@ -232,6 +227,13 @@ def _neutral(joint: ET.Element) -> float:
     return min(max(0.0, lower), upper) + 0.0
 
 
+def _refuse_inverted_range(joint: ET.Element, where: str) -> None:
+    lower, upper = (numbers(joint.find("limit"), key, "0")[0] for key in ("lower", "upper"))
+    if lower > upper and joint.get("type") in ("revolute", "prismatic"):
+        name = joint.get("name")
+        raise RobotError(f"{where}: joint '{name}': position limits are inverted ({lower:g} to {upper:g}); correct the file")
+
+
 def _check_lock(joint: ET.Element, value: float, where: str) -> None:
     name = joint.get("name")
     try:
@@ -239,7 +241,7 @@ def _check_lock(joint: ET.Element, value: float, where: str) -> None:
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise RobotError(f"{where}: locked: joint '{name}' at {value!r}; expected a finite number [rad or m]")
+        raise RobotError(f"{where}: locked: joint '{name}' at {shown(value)}; expected a finite number [rad or m]")
     lower, upper = _range(joint)
     slack = 1e-6
     if not lower - slack <= number <= upper + slack:

@@ -7,6 +7,7 @@ joints form one tree, and whose numbers all parse; nothing physical has been jud
 from __future__ import annotations
 
 import math
+import os
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -48,11 +49,11 @@ def read_urdf(path: Path) -> str:
     Raises:
         RobotError: missing, a folder, not a regular file, too large, unreadable, or not text.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         raise RobotError(f"{path}: is a folder; expected a URDF file")
-    if not path.exists():
+    if not os.path.exists(path):
         raise RobotError(f"{path!s:.300}: no such file; expected a URDF file or a name of energyopt.robots.catalogue()")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise RobotError(f"{path}: is not a regular file; expected a URDF file")
     try:
         size = path.stat().st_size

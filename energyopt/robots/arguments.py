@@ -1,0 +1,159 @@
+"""The arguments of `load_robot`: what callers may write, and what it means joint by joint."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from energyopt.errors import RobotError
+from energyopt.robots.messages import did_you_mean, shown
+from energyopt.robots.payload import Payload
+from energyopt.robots.preparation import CONTINUOUS_RANGE
+from energyopt.robots.urdf_xml import moving_joints, numbers
+
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def joint_values(
+    key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], default: ArrayLike, where: str
+) -> np.ndarray:
+    """One number a joint, from one number for all, a sequence in joint order, or a dict by joint name.
+
+    Args:
+        key: argument name, for messages.
+        value: what the caller gave.
+        names: joint names, in order.
+        default: values of the joints a dict leaves out, shape (nv,).
+
+    Raises:
+        RobotError: wrong count, unknown joint, not a number.
+    """
+    if isinstance(value, Mapping):
+        unknown = [n for n in value if n not in names]
+        if unknown:
+            raise RobotError(f"{where}: {key}: no moving joint named '{unknown[0]}'; {did_you_mean(str(unknown[0]), names)}")
+        value = [value.get(name, old) for name, old in zip(names, np.broadcast_to(default, len(names)), strict=True)]
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise RobotError(
+            f"{where}: {key} is {shown(value)}; expected a number, {len(names)} numbers, or a dict by joint"
+        ) from None
+    if array.ndim == 0:
+        array = np.full(len(names), float(array))
+    if array.shape != (len(names),):
+        raise RobotError(f"{where}: {key} has shape {array.shape}; expected {len(names)} numbers, for {', '.join(names)}")
+    for name, number in zip(names, array, strict=True):
+        if np.isnan(number):
+            raise RobotError(f"{where}: {key} of joint '{name}' is nan; expected a number")
+    array.flags.writeable = False
+    return array
+
+
+def non_negative(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], where: str) -> np.ndarray:
+    """Like `joint_values`, and every number finite and ≥ 0; None means 0."""
+    array = joint_values(key, 0.0 if value is None else value, names, 0.0, where)
+    for name, number in zip(names, array, strict=True):
+        if not 0 <= number < np.inf:
+            raise RobotError(f"{where}: {key} of joint '{name}' is {number:g}; expected a finite number ≥ 0")
+    return array
+
+
+def locked_joints(locked: Any, where: str) -> tuple[dict[str, float], set[str]]:
+    """Joints locked at a value, and joints locked at neutral."""
+    if isinstance(locked, Mapping):
+        return dict(locked), set()
+    return {}, set(texts("locked", locked, "a dict of joint values, or joint names", where))
+
+
+def texts(key: str, value: Any, expected: str, where: str) -> list[str]:
+    """A list of strings or paths as strings, from None, one, or several.
+
+    Raises:
+        RobotError: something else.
+    """
+    if value is None:
+        return []
+    try:
+        values = [value] if isinstance(value, (str, Path)) else list(value)
+    except TypeError:
+        values = [None]
+    if not all(isinstance(v, (str, Path)) for v in values):
+        raise RobotError(f"{where}: {key} is {shown(value)}; expected {expected}")
+    return [str(v) for v in values]
+
+
+def continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tuple[float, float]]:
+    """The range of each continuous joint [rad]."""
+    if given is None:
+        return dict.fromkeys(names, CONTINUOUS_RANGE)
+    pairs = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    ranges = dict.fromkeys(names, CONTINUOUS_RANGE)
+    for name, pair in pairs.items():
+        if name not in names:
+            raise RobotError(f"{where}: continuous_range: no continuous joint named '{name}'; {did_you_mean(str(name), names)}")
+        try:
+            lower, upper = (float(x) for x in pair)
+        except (TypeError, ValueError):
+            lower = upper = np.nan
+        if not (np.isfinite([lower, upper]).all() and lower < upper):
+            raise RobotError(
+                f"{where}: continuous_range of joint '{name}' is {shown(pair)}; expected a finite pair lower < upper [rad]"
+            )
+        ranges[name] = (lower, upper)
+    return ranges
+
+
+def payloads(payload: Any, where: str) -> list[Payload]:
+    """The bodies held, from None, one, or several."""
+    bodies = [] if payload is None else list(payload) if isinstance(payload, (list, tuple)) else [payload]
+    for body in bodies:
+        if not isinstance(body, Payload):
+            raise RobotError(f"{where}: payload is {shown(body)}; expected energyopt.Payload(mass, center, inertia, frame)")
+    return bodies
+
+
+def gravity_vector(value: ArrayLike | None, where: str) -> np.ndarray:
+    """Gravity in the base frame [m/s²]; None means the Earth's, along −z."""
+    try:
+        array = np.array(GRAVITY if value is None else value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise RobotError(f"{where}: gravity is {shown(value)}; expected three finite numbers [m/s²], such as (0, 0, -9.81)")
+    return array
+
+
+def positive(key: str, value: Any, where: str) -> float:
+    """A positive finite number."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not 0 < number < np.inf:
+        raise RobotError(f"{where}: {key} is {shown(value)}; expected a positive number")
+    return number
+
+
+def stated_friction(root: ET.Element) -> dict[str, dict[str, float]]:
+    """Viscous and Coulomb friction by joint name, as the file states them."""
+    joints = {j.get("name"): j.find("dynamics") for j in moving_joints(root)}
+    attributes = {"viscous": "damping", "coulomb": "friction"}
+    return {kind: {n: numbers(d, attribute, "0")[0] for n, d in joints.items()} for kind, attribute in attributes.items()}
+
+
+def friction(stated: dict[str, dict[str, float]], viscous: Any, coulomb: Any, names: tuple[str, ...], where: str):
+    """Viscous and Coulomb coefficients, and a note where the file states some that are not used."""
+    arrays, unused = [], False
+    for kind, value in (("viscous", viscous), ("coulomb", coulomb)):
+        own = [stated[kind][n] for n in names]
+        from_urdf = isinstance(value, str) and value == "urdf"
+        arrays.append(non_negative(f"{kind}_friction", own if from_urdf else value, names, where))
+        unused |= any(own) and not from_urdf and not np.any(arrays[-1])
+    note = "The URDF's joint damping and friction are not used; viscous_friction='urdf', coulomb_friction='urdf' would use them."
+    return arrays[0], arrays[1], [note] if unused else []
