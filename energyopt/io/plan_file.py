@@ -1,0 +1,156 @@
+"""Plans in .npz files: save_plan and load_plan. The motion comes back bit for bit, and needs no other file.
+
+Members: ``meta`` is JSON text (what is no array), ``urdf`` the robot's prepared URDF, and the arrays of the robot, the
+problem and the trajectory under ``robot.…``, ``problem.…`` and ``trajectory.…``. Units are SI and radians.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energyopt import parameterizations
+from energyopt.errors import EnergyOptError, FileError
+from energyopt.io.archive import npz_bytes, read_npz, write_atomic
+from energyopt.io.parts import problem_arrays, problem_from_arrays, robot_arrays, robot_from_arrays
+from energyopt.parameterizations import Trajectory, trajectory_from_arrays
+from energyopt.plans import Plan, Status, Violations
+
+FORMAT = "energyopt plan"
+VERSION = 1
+MAX_DEGREE = 9
+
+
+def save_plan(plan: Plan, path: str | Path) -> None:
+    """Write a plan with its problem and robot; the file appears whole or not at all.
+
+    Raises:
+        FileError: the file cannot be written.
+    """
+    problem, robot = plan.problem, plan.problem.robot
+    meta = {"format": FORMAT, "version": VERSION, "kind": plan.trajectory.kind, "plan": _plan_meta(plan)}
+    arrays = {}
+    meta["robot"] = robot_arrays(robot, arrays)
+    meta["problem"] = problem_arrays(problem, arrays)
+    arrays |= {f"trajectory.{key}": np.asarray(value) for key, value in plan.trajectory.to_arrays().items()}
+    text = {"meta": json.dumps(meta, default=_encode), "urdf": robot.urdf}
+    write_atomic(path, npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
+
+
+def load_plan(path: str | Path) -> Plan:
+    """Read a plan that `save_plan` wrote.
+
+    Raises:
+        FileError: missing, damaged, of another kind, or contradicting itself; one line says what.
+    """
+    arrays = read_npz(path)
+    try:
+        meta = _meta(arrays)
+        robot = robot_from_arrays(meta["robot"], _text(arrays, "urdf"), _group(arrays, "robot"))
+        problem = problem_from_arrays(meta["problem"], robot, _group(arrays, "problem"))
+        trajectory = _trajectory(str(meta["kind"]), _group(arrays, "trajectory"), robot.nv)
+        return _plan(meta["plan"], problem, trajectory)
+    except EnergyOptError as error:
+        raise FileError(f"{path}: not a plan that holds together: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        missing = f"{reason} is missing" if isinstance(error, KeyError) else reason
+        raise FileError(f"{path}: not a plan that energyopt wrote: {missing}") from None
+
+
+def _plan_meta(plan: Plan) -> dict[str, Any]:
+    return {
+        "status": plan.status.value,
+        "message": plan.message,
+        "objective": plan.objective,
+        "cost_terms": plan.cost_terms,
+        "violations": asdict(plan.violations),
+        "discretization_error": plan.discretization_error,
+        "iterations": plan.iterations,
+        "time_s": plan.time_s,
+        "seed": plan.seed,
+        "options": plan.options,
+        "notes": list(plan.notes),
+    }
+
+
+def _plan(meta: dict[str, Any], problem, trajectory: Trajectory) -> Plan:
+    violations = meta["violations"]
+    worst = {str(k): (str(joint), float(t)) for k, (joint, t) in violations["worst"].items()}
+    error = meta["discretization_error"]
+    return Plan(
+        problem=problem,
+        status=Status(meta["status"]),
+        message=str(meta["message"]),
+        trajectory=trajectory,
+        objective=float(meta["objective"]),
+        cost_terms=_floats(meta["cost_terms"]),
+        violations=Violations(_floats(violations["amount"]), _floats(violations["margin"]), worst),
+        discretization_error=None if error is None else float(error),
+        iterations=int(meta["iterations"]),
+        time_s=_floats(meta["time_s"]),
+        seed=int(meta["seed"]),
+        options={str(key): _decode(value) for key, value in meta["options"].items()},
+        notes=tuple(str(note) for note in meta["notes"]),
+    )
+
+
+def _encode(value: Any) -> Any:
+    """What JSON does not know: numpy numbers and arrays as lists, parameterisations by name and fields."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if is_dataclass(value):
+        return {"class": type(value).__name__, "fields": asdict(value)}
+    return str(value)
+
+
+def _decode(value: Any) -> Any:
+    if isinstance(value, dict) and set(value) == {"class", "fields"}:
+        if value["class"] not in ("BSpline", "Sinusoid", "HermiteSimpson"):
+            raise ValueError(f"unknown parameterisation {str(value['class'])[:40]!r}")
+        fields = {k: tuple(v) if isinstance(v, list) else v for k, v in value["fields"].items()}
+        return getattr(parameterizations, value["class"])(**fields)
+    return value
+
+
+def _meta(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    meta = json.loads(_text(arrays, "meta"))
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise ValueError("it is an archive of another kind")
+    if meta.get("version") != VERSION:
+        raise ValueError(f"its version is {meta.get('version')!r:.20}; this energyopt reads version {VERSION}")
+    return meta
+
+
+def _text(arrays: dict[str, np.ndarray], name: str) -> str:
+    if arrays[name].dtype != np.uint8 or arrays[name].ndim != 1:
+        raise ValueError(f"member '{name}' is no text")
+    return arrays[name].tobytes().decode("utf-8")
+
+
+def _group(arrays: dict[str, np.ndarray], name: str) -> dict[str, np.ndarray]:
+    return {key.removeprefix(f"{name}."): value for key, value in arrays.items() if key.startswith(f"{name}.")}
+
+
+def _trajectory(kind: str, arrays: dict[str, np.ndarray], nv: int) -> Trajectory:
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"trajectory.{name} holds a number that is not finite")
+    if not 1 <= int(arrays.get("degree", np.array(3))) <= MAX_DEGREE:
+        raise ValueError(f"the degree is {int(arrays['degree'])}; expected 1 to {MAX_DEGREE}")
+    trajectory = trajectory_from_arrays(kind, arrays)
+    if trajectory.nv != nv:
+        raise ValueError(f"the trajectory has {trajectory.nv} joints and the robot {nv}")
+    if not trajectory.duration > 0 or trajectory.breaks[0] != 0 or np.any(np.diff(trajectory.breaks) <= 0):
+        raise ValueError("the trajectory's times do not increase from 0")
+    if not np.isfinite(trajectory(np.array([0.0, 0.5 * trajectory.duration, trajectory.duration]))).all():
+        raise ValueError("the trajectory is not finite")
+    return trajectory
+
+
+def _floats(table: dict[str, Any]) -> dict[str, float]:
+    return {str(key): float(value) for key, value in table.items()}
