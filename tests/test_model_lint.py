@@ -1,5 +1,6 @@
 """Broken robot descriptions: each gives one line that names the culprit and the value, before anything is computed."""
 
+import random
 import re
 from pathlib import Path
 
@@ -254,3 +255,48 @@ def test_deep_nesting_is_refused(tmp_path):
 def test_too_many_links_are_refused(tmp_path):
     links = "".join(f'<link name="l{i}"/>' for i in range(urdf_xml.MAX_LINKS + 1))
     assert "2001 links" in refusal(factory.write(tmp_path, f"<robot>{links}</robot>"))
+
+
+def test_random_damage_never_gives_anything_but_one_line_or_finite_torques(tmp_path):
+    rng = random.Random(0)
+    junk = [
+        "",
+        "nan",
+        "inf",
+        "-1",
+        "0",
+        "1e308",
+        "1e-320",
+        "abc",
+        "1 2",
+        '"',
+        "<",
+        "&#10;",
+        "link1",
+        "floating",
+        "continuous",
+        "\u0661",
+    ]
+    whole = factory.chain(
+        axes=[(0, 0, 1), (0, 1, 1), (1, 0, 0)],
+        origins=[(0, 0, 0.3)] * 3,
+        masses=[1, 2, 0.5],
+        centers=[(0.1, 0, 0.2)] * 3,
+        inertias=[0.01 * np.eye(3)] * 3,
+        types=["revolute", "continuous", "prismatic"],
+    ).replace("</joint>", '<mimic joint="joint1" multiplier="0.5"/></joint>', 1)
+    whole = whole.replace('<mimic joint="joint1"', '<mimic joint="joint2"')
+    loaded = 0
+    for _ in range(300):
+        places = list(re.finditer(r'"([^"]*)"|<[^>]*>', whole))
+        place = rng.choice(places)
+        start, end = place.span(1) if place.group(1) is not None else place.span()
+        path = factory.write(tmp_path, whole[:start] + rng.choice(junk) + whole[end:])
+        try:
+            robot = eo.load_robot(path)
+        except RobotError as error:
+            assert "\n" not in str(error)
+            continue
+        loaded += 1
+        assert np.isfinite(robot.torque(robot.home, np.ones(robot.nv), np.ones(robot.nv))).all()
+    assert 10 < loaded < 200  # both outcomes occur

@@ -242,7 +242,7 @@ def test_static_torque_is_the_slope_of_potential_energy_for_any_gravity():
     gravity = np.array([3.0, -5.0, 4.0])
     robot = eo.load_robot("ur5", gravity=gravity)
     data, total = robot.model.createData(), pin.computeTotalMass(robot.model)
-    potential = lambda q: -total * gravity @ pin.centerOfMass(robot.model, data, q)  # noqa: E731
+    potential = lambda q: -total * gravity @ pin.centerOfMass(robot.model, data, q)
     q, step = robot.home + 0.3, 1e-5
     slope = [(potential(q + d) - potential(q - d)) / (2 * step) for d in step * np.eye(robot.nv)]
     np.testing.assert_allclose(robot.torque(q, 0 * q, 0 * q), slope, atol=1e-7)  # central differences: error of order step²

@@ -95,6 +95,7 @@ def load_robot(
     entry, path = _find(name_or_path)
     where = str(name_or_path) if entry else str(path)
     root = parse_urdf(read_urdf(path), where)
+    root.set("name", root.get("name") or path.stem)
     folders = _mesh_folders(root, entry, path, package_dirs, where)
     of_file = stated_friction(root)
     tool = next(iter(texts("tool_frame", tool_frame, "the name of a link or joint", where)), "")
@@ -115,7 +116,7 @@ def load_robot(
     lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), where)
     viscous, coulomb, friction_note = friction(of_file, viscous_friction, coulomb_friction, names, where)
     robot = RobotModel(
-        name=str(name_or_path) if entry else root.get("name") or path.stem,
+        name=str(name_or_path) if entry else root.get("name"),
         dynamics=Dynamics(model, viscous, coulomb, positive("coulomb_velocity", coulomb_velocity, where)),
         limits=limits,
         urdf=prepare.to_text(root),
@@ -186,7 +187,7 @@ def _prepare(
 
 def _pinocchio(root: ET.Element, where: str) -> pin.Model:
     try:
-        return pin.buildModelFromXML(prepare.to_text(prepare.without_limits(root)))
+        return pin.buildModelFromXML(prepare.to_text(prepare.dynamics_only(root)))
     except Exception as error:  # the bindings raise several types, none documented
         raise RobotError(f"{where}: Pinocchio cannot build a model of it: {' '.join(str(error).split())[:200]}") from None
 

@@ -96,8 +96,6 @@ def fix_joints(root: ET.Element, values: Mapping[str, float]) -> None:
         if values[name] != 0.0:
             _compose_origin(joint, values[name])
         joint.set("type", "fixed")
-        for child in [c for c in joint if c.tag not in ("origin", "parent", "child")]:
-            joint.remove(child)
 
 
 def refuse_free_bodies(root: ET.Element, where: str) -> None:
@@ -126,9 +124,14 @@ def bound_continuous_joints(root: ET.Element, ranges: Callable[[str], tuple[floa
     return [f"Continuous joints made revolute with the range: {', '.join(names)} rad."] if names else []
 
 
-def without_limits(root: ET.Element) -> ET.Element:
-    """A copy whose limits are all ±1: for building a model before the limits in force are known (files lack some)."""
+def dynamics_only(root: ET.Element) -> ET.Element:
+    """A copy without shapes and colours, whose limits are all ±1: enough for a model's dynamics, whatever the file lacks."""
     copy = deepcopy(root)
+    for material in copy.findall("material"):
+        copy.remove(material)
+    for link in copy.findall("link"):
+        for shape in [c for c in link if c.tag in ("visual", "collision")]:
+            link.remove(shape)
     for joint in moving_joints(copy):
         for limit in joint.findall("limit"):
             joint.remove(limit)
@@ -168,7 +171,8 @@ def strip_extras(root: ET.Element) -> None:
     for element in [e for e in root if e.tag not in KEPT]:
         root.remove(element)
     for joint in root.findall("joint"):
-        for child in [c for c in joint if c.tag not in ("origin", "parent", "child", "axis", "limit")]:
+        kept = ("origin", "parent", "child") + (("axis", "limit") if joint.get("type") != "fixed" else ())
+        for child in [c for c in joint if c.tag not in kept]:
             joint.remove(child)
 
 

@@ -15,12 +15,15 @@ from pathlib import Path
 from xml.parsers import expat
 
 from energyopt.errors import RobotError
+from energyopt.robots.messages import shown
 
 MAX_URDF_BYTES = 20_000_000
 """Larger URDF files are refused: the largest robots known to us need less than 1 MB."""
 MAX_DEPTH = 64
 MAX_LINKS = 2000
 MAX_NAME = 200
+LARGEST = 1e12
+"""Numbers larger than this are mistakes: products of such numbers leave the range of double precision."""
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 NUMBERS = {
@@ -36,6 +39,7 @@ NUMBERS = {
     "capsule": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
+    "color": {"rgba": 4},
 }
 """Attributes that hold numbers, by element, with how many."""
 PLAIN_NUMBER = re.compile(r"[+\-.0-9a-zA-Z]{1,60}")
@@ -146,11 +150,12 @@ def _check_names(root: ET.Element, where: str) -> None:
     for joint in root.findall("joint"):
         if joint.get("type") not in JOINT_TYPES:
             kinds = ", ".join(JOINT_TYPES[:4])
-            raise RobotError(f"{where}: joint '{joint.get('name')}' has type '{joint.get('type')}'; expected one of {kinds}")
+            kind = shown(joint.get("type"))
+            raise RobotError(f"{where}: joint '{joint.get('name')}' has type {kind}; expected one of {kinds}")
 
 
 def _check_numbers(root: ET.Element, where: str) -> None:
-    for owner in (*root.findall("link"), *root.findall("joint")):
+    for owner in (*root.findall("link"), *root.findall("joint"), *root.findall("material")):
         for element in owner.iter():
             for key, count in NUMBERS.get(element.tag, {}).items():
                 if element.get(key) is not None:
@@ -163,13 +168,13 @@ def _check_numbers(root: ET.Element, where: str) -> None:
 
 def _check_number(element: ET.Element, key: str, count: int, owner: str) -> None:
     words = element.get(key).split()
-    expected = "a finite number" if count == 1 else f"{count} finite numbers"
+    expected = f"a finite number below {LARGEST:g}" if count == 1 else f"{count} finite numbers below {LARGEST:g}"
     try:
         values = [float(word) for word in words if PLAIN_NUMBER.fullmatch(word)]
     except ValueError:
         values = []
-    infinite_is_fine = element.tag == "limit" and key in MAY_BE_INFINITE
-    good = all(math.isfinite(x) or (infinite_is_fine and not math.isnan(x)) for x in values)
+    largest = math.inf if element.tag == "limit" and key in MAY_BE_INFINITE else LARGEST
+    good = all(abs(x) <= largest for x in values)  # nan is not
     if len(values) != count or not good:
         raise RobotError(f'{owner}: <{element.tag} {key}="{" ".join(words)[:80]}">: expected {expected}')
 
