@@ -54,11 +54,23 @@ class BSpline:
             breaks[-1] = duration
             return SplineSpace(breaks, self.degree)
         spans = (self.control_points or self.default_control_points(duration)) - self.degree
-        return SplineSpace(np.linspace(0.0, duration, spans + 1), self.degree)
+        return SplineSpace(graded_breaks(duration, spans), self.degree)
 
     def default_control_points(self, duration: float) -> int:
-        """One span for 0.2 s at most, between 10 and 40 spans; `accuracy` refines from there."""
-        return self.degree + int(np.clip(np.ceil(duration / 0.2), 10, 40))
+        """One span for 0.25 s at most, between 14 and 40 spans; `accuracy` refines from there."""
+        return self.degree + int(np.clip(np.ceil(duration / 0.25), 14, 40))
+
+
+def graded_breaks(duration: float, spans: int, ratio: float = 0.25) -> np.ndarray:
+    """Breakpoints (spans + 1,) [s], even but for up to three ever shorter spans towards both ends.
+
+    The optimum starts and ends with a finite acceleration; a motion that has to start and end with none pays for the
+    time it takes to get there. On even knots this costs 10–70 % of J, more than all other errors together.
+    """
+    depth = int(np.clip((spans - 6) // 3, 0, 3))
+    even = spans - 2 * depth
+    edge = ratio ** np.arange(depth, 0, -1)
+    return duration / even * np.concatenate([[0.0], edge, np.arange(1.0, even), even - edge[::-1], [even]])
 
 
 class SplineSpace(MotionSpace):

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from energyopt.errors import ProblemError
+from energyopt.parameterizations.bspline import graded_breaks
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 
@@ -42,7 +43,7 @@ class HermiteSimpson:
     """Direct collocation with states as unknowns.
 
     Attributes:
-        intervals: number of equal intervals.
+        intervals: number of intervals, ever shorter towards both ends (see `graded_breaks`).
     """
 
     intervals: int = 40
@@ -52,7 +53,7 @@ class HermiteSimpson:
             raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 2 to 2000")
 
     def space(self, duration: float) -> HermiteSimpsonSpace:
-        return HermiteSimpsonSpace(np.linspace(0.0, duration, self.intervals + 1))
+        return HermiteSimpsonSpace(graded_breaks(duration, self.intervals))
 
 
 class HermiteSimpsonSpace(MotionSpace):

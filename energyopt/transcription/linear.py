@@ -16,6 +16,10 @@ from energyopt.problem import Problem
 from energyopt.robots.model import Limits
 
 
+KINEMATIC_BACKOFF = 1e-7
+"""Rows stay inside their limit by this share, so that the solver's own tolerance does not break it."""
+
+
 @dataclass(frozen=True, eq=False)
 class SampleRow:
     """A derivative bounded at further times (where a check found it outside)."""
@@ -55,6 +59,7 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
     groups = []
     for order in range(4):
         low, high = limits_of_order(problem.limits, order)
+        low, high = low + KINEMATIC_BACKOFF * np.abs(low), high - KINEMATIC_BACKOFF * np.abs(high)
         if np.any(np.isfinite(low) | np.isfinite(high)):
             extra = [space.rows_at(row.times, order) for row in samples if row.order == order]
             rows = vstack([space.bounding_rows(order), *extra], format="csr")

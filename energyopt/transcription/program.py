@@ -10,10 +10,11 @@ from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.transcription.cuts import Cuts
 from energyopt.transcription.evaluators import make_evaluator
 from energyopt.transcription.extras import ExtendedEvaluator, extra_rows
-from energyopt.transcription.layout import Layout, TorqueRows, make_layout
-from energyopt.transcription.linear import SampleRow, linear_rows
+from energyopt.transcription.layout import Layout, make_layout
+from energyopt.transcription.linear import linear_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +84,7 @@ def transcribe(
     problem: Problem,
     space: MotionSpace,
     kernels: Kernels,
-    torque: TorqueRows | None = None,
-    samples: tuple[SampleRow, ...] = (),
+    cuts: Cuts | None = None,
 ) -> NonlinearProgram:
     """The nonlinear program of a problem in a motion space.
 
@@ -92,15 +92,16 @@ def transcribe(
         problem: what is asked.
         space: motions to choose from.
         kernels: of the problem's robot.
-        torque: rows on torques so far.
-        samples: further times at which derivatives are bounded.
+        cuts: rows added so far.
     """
     nv = problem.robot.nv
     unknowns = space.unknowns(*boundary_states(problem))
-    linear = linear_rows(problem, space, unknowns, samples)
+    cuts = cuts or Cuts()
+    linear = linear_rows(problem, space, unknowns, cuts.sample_rows())
+    torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
     zeros = np.zeros(nv)
     weights = (problem.torque_weights, np.concatenate([zeros, problem.velocity_weight, zeros]))
-    layout = make_layout(space, unknowns, linear, torque or TorqueRows(), weights)
+    layout = make_layout(space, unknowns, linear, torque, weights)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
     evaluator, extras = make_evaluator(layout, kernels), extra_rows(problem, space, unknowns)
     if extras:

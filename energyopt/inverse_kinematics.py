@@ -1,0 +1,75 @@
+"""Configurations that bring a frame where it should be: damped least squares from many starts.
+
+    Δq = Jᵀ (J Jᵀ + ε I)⁻¹ e,   e the pose error in the frame (S. R. Buss, "Introduction to inverse kinematics with Jacobian
+    transpose, pseudoinverse and damped least squares methods", 2004), clipped to the position limits after each step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from energyopt.errors import ProblemError
+from energyopt.problem import FramePose, Problem
+
+TOLERANCE = 1e-8
+"""Pose error [m and rad] at which a configuration counts as found; the optimiser polishes it further."""
+
+
+def goal_configurations(problem: Problem, seed: int = 0, count: int = 4, tries: int = 60) -> list[np.ndarray]:
+    """Configurations inside the position limits whose frame is at the problem's `FramePose`, nearest to the start first.
+
+    Nearness is the kinematic time the slowest joint needs from the start. The first search starts from the start itself.
+
+    Raises:
+        ProblemError: none was found; the message gives the least error reached.
+    """
+    rng, limits = np.random.default_rng(seed), problem.limits
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    found, best = [], np.inf
+    for k in range(tries):
+        q = problem.start if k == 0 else rng.uniform(low, high)
+        q, error = _search(problem, problem.goal, np.clip(q, limits.lower, limits.upper))
+        best = min(best, error)
+        if error < TOLERANCE and all(np.abs(q - other).max() > 1e-2 for other in found):
+            found.append(q)
+        if len(found) >= 3 * count:
+            break
+    if not found:
+        raise ProblemError(
+            f"goal: no configuration inside the position limits brings frame '{problem.goal.frame}' to the goal; the nearest of "
+            f"{tries} searches is off by {best:.3g} (m + rad); move the goal, free its orientation, or widen position_limits"
+        )
+    time = lambda q: np.max(np.abs(q - problem.start) / problem.limits.velocity)  # noqa: E731
+    return sorted(found, key=time)[:count]
+
+
+def _search(problem: Problem, goal: FramePose, q: np.ndarray, steps: int = 100) -> tuple[np.ndarray, float]:
+    model, limits = problem.robot.model, problem.limits
+    data, frame, damping = model.createData(), problem.robot.frame_id(goal.frame), 1e-2
+    error, jacobian = _pose_error(model, data, frame, goal, q)
+    for _ in range(steps):
+        if np.linalg.norm(error) < 1e-10:
+            break
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping**2 * np.eye(len(error)), error)
+        candidate = np.clip(q + np.clip(step, -0.5, 0.5), limits.lower, limits.upper)
+        new_error, new_jacobian = _pose_error(model, data, frame, goal, candidate)
+        if np.linalg.norm(new_error) < np.linalg.norm(error):
+            q, error, jacobian, damping = candidate, new_error, new_jacobian, max(damping * 0.3, 1e-7)
+        else:
+            damping *= 4.0
+            if damping > 1e3:
+                break
+    return q, float(np.linalg.norm(error))
+
+
+def _pose_error(model: pin.Model, data: pin.Data, frame: int, goal: FramePose, q: np.ndarray):
+    """Error [m, rad] in base axes, and its Jacobian with the sign of a step that reduces it."""
+    J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    placement = data.oMf[frame]
+    error = goal.position - placement.translation
+    if goal.rotation is None:
+        return error, J[:3]
+    turn = pin.log3(goal.rotation @ placement.rotation.T)
+    return np.concatenate([error, turn]), J

@@ -1,0 +1,216 @@
+"""plan(): from a problem to a verified motion.
+
+    check what no motion can meet → guesses → local searches → refine the best → verify independently → Plan
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from energyopt.dynamics import backend
+from energyopt.dynamics.kernels import Kernels, kernels_of
+from energyopt.errors import NoSolutionFound, ProblemError
+from energyopt.feasibility import check_feasibility
+from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.plans import Plan, Status
+from energyopt.problem import FramePose, Problem
+from energyopt.search import Progress, Search, SearchOptions
+from energyopt.seeds import goals, guesses
+from energyopt.solvers import Outcome
+from energyopt.verification import cost, describe, is_valid, verify
+
+Parameterization = BSpline | Sinusoid | HermiteSimpson
+
+FALLBACKS = 3
+"""Further guesses tried where the first ones lead to no valid motion."""
+MOST_LEVELS = 12
+
+_STATUS = {
+    Outcome.INFEASIBLE: Status.INFEASIBLE,
+    Outcome.ITERATION_LIMIT: Status.ITERATION_LIMIT,
+    Outcome.TIME_LIMIT: Status.TIME_LIMIT,
+    Outcome.INTERRUPTED: Status.INTERRUPTED,
+    Outcome.FAILED: Status.NUMERICAL_ERROR,
+}
+_SENTENCE = {
+    Status.SOLVED: "solved; every limit holds on the dense check",
+    Status.INFEASIBLE: "no motion inside the limits was found: the solver ended where they contradict each other",
+    Status.LIMITS_VIOLATED: "the solver converged, but the dense check found a limit exceeded",
+    Status.ITERATION_LIMIT: "the solver ran out of iterations",
+    Status.TIME_LIMIT: "the time limit passed before an optimum was found",
+    Status.INTERRUPTED: "interrupted; this is the best motion so far",
+    Status.NUMERICAL_ERROR: "the solver could not continue",
+}
+_STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
+
+
+def plan(
+    problem: Problem,
+    parameterization: Parameterization | None = None,
+    *,
+    starts: int | None = None,
+    seed: int = 0,
+    time_limit: float | None = None,
+    iterations: int = 500,
+    verbose: bool | Progress = False,
+    throw: bool = True,
+) -> Plan:
+    """Find the motion of least ∫ (Σ wτ² + Σ λq̇²) dt that a problem allows.
+
+    Args:
+        problem: what is asked.
+        parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
+        starts: initial guesses to try; the best verified motion is returned. By default 1, and one a goal configuration
+            (4 at most) where the goal is Cartesian. Further guesses are tried where none of them leads to a valid motion.
+        seed: of the random guesses.
+        time_limit: seconds for all searches together.
+        iterations: solver iterations, at most, in one solve.
+        verbose: show progress on standard error, or a function called with (phase, iteration, objective, violation).
+        throw: raise where no valid motion is found; otherwise return the best attempt with its status.
+
+    Raises:
+        ProblemError: the request is impossible whatever the motion.
+        NoSolutionFound: no valid motion was found; carries the best attempt.
+    """
+    parameterization = parameterization or BSpline()
+    _check_arguments(parameterization, starts, time_limit, iterations)
+    check_feasibility(problem)
+    started = time.perf_counter()
+    kernels = kernels_of(problem.robot.dynamics)
+    loaded = time.perf_counter() - started
+    deadline = None if time_limit is None else time.monotonic() + time_limit
+    options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose))
+    campaign = _Campaign(problem, parameterization, kernels, options, seed)
+    search = campaign.run(starts)
+    if callable(options.progress) and verbose is True:
+        sys.stderr.write("\n")
+    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), "starts": starts, "seed": seed,
+                "time_limit": time_limit, "iterations": iterations, "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
+    result = _finish(campaign, search, loaded, settings)
+    if throw and result.status not in (Status.SOLVED, Status.INTERRUPTED):
+        raise NoSolutionFound(result)
+    return result
+
+
+@dataclass
+class _Campaign:
+    """All searches of one call of `plan`."""
+
+    problem: Problem
+    parameterization: Parameterization
+    kernels: Kernels
+    options: SearchOptions
+    seed: int
+    guess_s: float = 0.0
+    tried: int = 0
+
+    def run(self, starts: int | None) -> Search:
+        """The best search, refined."""
+        began = time.perf_counter()
+        targets = goals(self.problem, self.seed)
+        if isinstance(self.problem.goal, FramePose):
+            check_feasibility(self.problem, goal=targets[0])
+        source = guesses(self.problem, targets, self.seed)
+        self.guess_s = time.perf_counter() - began
+        wanted = starts or len(targets)
+        searches = []
+        for guess in islice(source, wanted + FALLBACKS):
+            if len(searches) >= wanted and any(s.converged for s in searches):
+                break
+            search = Search(self.problem, self.parameterization.space(self.problem.duration), self.kernels, guess, self.options)
+            search.advance()
+            searches.append(search)
+            if search.outcome in _STOP:
+                break
+        self.tried = len(searches)
+        best = min(searches, key=lambda s: (not s.converged, s.objective if s.converged else self._excess(s)))
+        best.iterations = sum(s.iterations for s in searches)
+        best.solve_s = sum(s.solve_s for s in searches)
+        return self._refined(best)
+
+    def _excess(self, search: Search) -> float:
+        violations = verify(self.problem, search.trajectory).amount
+        return max(violations.values(), default=0.0)
+
+    def _refined(self, search: Search) -> Search:
+        """Refine until the estimated error is below the accuracy asked; keep the last motion that converged."""
+        spline = self.parameterization
+        accuracy = spline.accuracy if isinstance(spline, BSpline) else None
+        while accuracy and search.converged and search.levels < MOST_LEVELS:
+            if search.error is not None and search.error <= accuracy:
+                break
+            kept = replace(search)
+            if not search.refine(spline) or not search.advance():
+                kept.iterations, kept.solve_s = search.iterations, search.solve_s
+                kept.reason = f"refinement stopped at an estimated error of {_percent(kept.error)}: {search.reason}"
+                return kept
+        return search
+
+
+def _finish(campaign: _Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+    began = time.perf_counter()
+    violations = verify(campaign.problem, search.trajectory)
+    terms = cost(campaign.problem, search.trajectory)
+    verify_s = time.perf_counter() - began
+    status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
+    message = _SENTENCE[status]
+    if status is not Status.SOLVED:
+        message = f"{message} ({describe(violations)}; {campaign.tried} guess{'es' if campaign.tried > 1 else ''} tried)"
+    return Plan(
+        problem=campaign.problem,
+        status=status,
+        message=message,
+        trajectory=search.trajectory,
+        objective=sum(terms.values()),
+        cost_terms=terms,
+        violations=violations,
+        discretization_error=search.error,
+        iterations=search.iterations,
+        time_s={"compile": compile_s, "build": campaign.guess_s + search.build_s, "solve": search.solve_s, "verify": verify_s},
+        seed=campaign.seed,
+        options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": campaign.tried,
+                            "evaluations": search.evaluations},
+        notes=_notes(campaign, search),
+    )  # fmt: skip
+
+
+def _notes(campaign: _Campaign, search: Search) -> tuple[str, ...]:
+    notes = list(campaign.problem.robot.notes)
+    if campaign.kernels.kind == "interpreted":
+        notes.append("no C compiler: kernels ran interpreted (same numbers, slower)")
+    if search.reason.startswith("refinement stopped"):
+        notes.append(search.reason)
+    return tuple(notes)
+
+
+def _percent(error: float | None) -> str:
+    return "unknown size" if error is None else f"{100 * error:.2g} %"
+
+
+def _progress(verbose: bool | Progress) -> Progress | None:
+    if verbose is True:
+        return _print_progress
+    return verbose or None
+
+
+def _print_progress(phase: str, iteration: int, objective: float, violation: float) -> None:
+    end = "" if sys.stderr.isatty() else "\n"
+    lead = "\r" if sys.stderr.isatty() else ""
+    sys.stderr.write(f"{lead}  level {phase}  iteration {iteration:4d}  objective {objective:12.5g}  violation {violation:8.1e}{end}")
+    sys.stderr.flush()
+
+
+def _check_arguments(parameterization: object, starts: int | None, time_limit: float | None, iterations: int) -> None:
+    if not isinstance(parameterization, Parameterization):
+        raise ProblemError(f"parameterization: expected BSpline, Sinusoid or HermiteSimpson, got {parameterization!r}")
+    if starts is not None and not (isinstance(starts, (int, np.integer)) and 1 <= starts <= 100000):
+        raise ProblemError(f"starts is {starts!r}: expected a whole number of guesses, 1 or more")
+    if time_limit is not None and not time_limit > 0:
+        raise ProblemError(f"time_limit is {time_limit!r}: expected seconds > 0, or None")
+    if not (isinstance(iterations, (int, np.integer)) and iterations >= 1):
+        raise ProblemError(f"iterations is {iterations!r}: expected a whole number, 1 or more")

@@ -1,0 +1,138 @@
+"""One local search: solve, add rows where a limit is broken between samples, refine the spline, and solve again.
+
+A search advances by levels. A level ends with a motion that is optimal in its motion space and inside all limits between
+the samples too; the next level has finer knots and starts from that motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energyopt.dynamics.kernels import Kernels
+from energyopt.parameterizations import BSpline
+from energyopt.parameterizations.space import MotionSpace
+from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.problem import Problem
+from energyopt.refinement import MOST_SPANS, REMAINDER, bisected, refine, span_gains
+from energyopt.solvers import IpoptOptions, Outcome, solve
+from energyopt.transcription import Cuts, NonlinearProgram, transcribe
+
+ROUNDS = 15
+"""Times rows are added in one level before the search gives up."""
+WARM_BARRIER = 1e-4
+"""Initial barrier parameter from a motion that is nearly optimal already."""
+GOOD = (Outcome.CONVERGED, Outcome.ACCEPTABLE)
+
+Progress = Callable[[str, int, float, float], None]
+"""Called with (phase, iteration, objective, worst violation)."""
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What a search may spend. ``deadline`` is a time of `time.monotonic`, or None."""
+
+    iterations: int = 500
+    tolerance: float = 1e-6
+    deadline: float | None = None
+    progress: Progress | None = None
+
+    def remaining(self) -> float | None:
+        return None if self.deadline is None else self.deadline - time.monotonic()
+
+
+@dataclass
+class Search:
+    """The state of one search; `advance` takes it one level further.
+
+    Attributes:
+        space: motions of the next level; trajectory: the best motion so far, a guess at first.
+        outcome: of the last solve; reason: the solver's word.
+        objective: J of the last level by the program's own quadrature; gain: by how much the last refinement lowered it.
+        iterations: of all solves; build_s, solve_s: seconds spent.
+    """
+
+    problem: Problem
+    space: MotionSpace
+    kernels: Kernels
+    trajectory: Trajectory
+    options: SearchOptions
+    cuts: Cuts = field(default_factory=Cuts)
+    outcome: Outcome | None = None
+    reason: str = ""
+    objective: float = np.inf
+    gain: float | None = None
+    iterations: int = 0
+    rounds: int = 0
+    levels: int = 0
+    build_s: float = 0.0
+    solve_s: float = 0.0
+    evaluations: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def converged(self) -> bool:
+        return self.outcome in GOOD
+
+    @property
+    def error(self) -> float | None:
+        """Estimated relative distance of J to the continuous optimum; None before a refinement has been measured."""
+        return None if self.gain is None else REMAINDER * max(self.gain, 0.0) / max(abs(self.objective), 1e-300)
+
+    def advance(self) -> bool:
+        """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
+        started, built = time.perf_counter(), self.build_s
+        previous = self.objective if self.levels else None
+        self._solve_level()
+        if self.converged:
+            self.gain = None if previous is None else previous - self.objective
+            self.levels += 1
+        self.solve_s += time.perf_counter() - started - (self.build_s - built)
+        return self.converged
+
+    def refine(self, parameterization: BSpline) -> bool:
+        """Prepare a finer level; False where there is none."""
+        if len(self.space.breaks) > MOST_SPANS:
+            return False
+        started = time.perf_counter()
+        fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts)
+        gains = span_gains(self.space, fine, fine.guess(self.trajectory))
+        self.space = refine(self.space, gains)
+        self.solve_s += time.perf_counter() - started
+        return True
+
+    def _solve_level(self) -> None:
+        barrier = WARM_BARRIER if self.levels else IpoptOptions.barrier
+        for self.rounds in range(1, ROUNDS + 1):
+            program = self._transcribe()
+            result = solve(program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter())
+            self.iterations += result.iterations
+            self.outcome, self.reason = result.outcome, result.reason
+            for name, count in result.evaluations.items():
+                self.evaluations[name] = self.evaluations.get(name, 0) + count
+            if result.outcome is Outcome.FAILED:
+                return
+            self.trajectory, self.objective = program.trajectory(result.x), result.objective
+            if not self.converged or not self.cuts.add_violated(self.problem, self.trajectory, self.kernels, self.space.everywhere):
+                return
+            barrier = WARM_BARRIER
+
+    def _transcribe(self) -> NonlinearProgram:
+        started = time.perf_counter()
+        program = transcribe(self.problem, self.space, self.kernels, self.cuts)
+        if not self.levels and self.rounds == 1:
+            self.build_s += time.perf_counter() - started
+        return program
+
+    def _solver_options(self, barrier: float) -> IpoptOptions:
+        options = self.options
+        return IpoptOptions(options.tolerance, options.iterations, barrier, options.remaining())
+
+    def _reporter(self):
+        progress = self.options.progress
+        if progress is None:
+            return None
+        first, phase = self.iterations, f"{self.levels + 1}.{self.rounds}"
+        return lambda iteration, objective, violation: progress(phase, first + iteration, objective, violation)

@@ -1,0 +1,47 @@
+"""Initial guesses: motions from start to goal, one after another, the same for the same seed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from energyopt.baselines import baseline
+from energyopt.inverse_kinematics import goal_configurations
+from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
+from energyopt.problem import FramePose, Problem
+
+SPREAD = 0.25
+"""Standard deviation of a random via point, as a share of each joint's range (2π at most)."""
+
+
+def goals(problem: Problem, seed: int) -> list[np.ndarray]:
+    """Goal configurations to aim at: the problem's own, or several from inverse kinematics."""
+    if isinstance(problem.goal, FramePose):
+        return goal_configurations(problem, seed)
+    return [problem.goal]
+
+
+def guesses(problem: Problem, targets: list[np.ndarray], seed: int) -> Iterator[Trajectory]:
+    """The straight quintic to each target, then for ever motions bent through random via points."""
+    for target in targets:
+        yield baseline(problem, "quintic", goal=target)
+    k = 0
+    while True:
+        yield _bent(problem, targets[k % len(targets)], np.random.default_rng([seed, k]))
+        k += 1
+
+
+def _bent(problem: Problem, goal: np.ndarray, rng: np.random.Generator) -> Trajectory:
+    """A cubic spline through the waypoints and one random via point, at rest at both ends."""
+    low, high = problem.limits.lower, problem.limits.upper
+    reach = np.minimum(high - low, 2.0 * np.pi)
+    straight = baseline(problem, "quintic", goal=goal)
+    via = straight(0.5 * problem.duration) + rng.normal(size=len(goal)) * SPREAD * reach
+    times = [0.0, *(w.time for w in problem.waypoints if w.time is not None), 0.5 * problem.duration, problem.duration]
+    points = [problem.start, *(w.position for w in problem.waypoints if w.time is not None), np.clip(via, low, high), goal]
+    order = np.unique(np.round(times, 9), return_index=True)[1]
+    times, points = np.array(times)[order], np.array(points)[order]
+    spline = CubicSpline(times, points, bc_type=((1, problem.start_velocity), (1, problem.goal_velocity)))
+    return PolynomialTrajectory(times, spline.c.transpose(1, 0, 2)[:, ::-1])

@@ -1,0 +1,116 @@
+"""Rows added where a dense check of the current motion finds a limit broken between the samples.
+
+Torque limits start without any row: most motions break them nowhere or briefly, and a dense row at every sample would make
+each solver step several times dearer. Rows accumulate over the rounds of a search; those of torque rates are pairs of
+samples, (τ(t₁) − τ(t₀)) / (t₁ − t₀), the mean rate between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energyopt.dynamics.kernels import Kernels
+from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.problem import Problem
+from energyopt.transcription.layout import TorqueRows
+from energyopt.transcription.linear import SampleRow, limits_of_order
+
+PER_SPAN = 20
+"""Samples a smooth span of the check."""
+TORQUE_EXCESS = 5e-5
+"""Relative excess that calls for rows: half of what the verification allows."""
+TORQUE_BACKOFF = 2e-5
+"""Rows are this much inside the limit, so that the torque between them stays within the excess."""
+RATE_BACKOFF = 2e-3
+"""The same for torque rates, whose peaks between samples are sharper."""
+KINEMATIC_EXCESS = 2e-7
+"""Absolute excess of a sampled kinematic limit that calls for a row."""
+
+
+@dataclass
+class Cuts:
+    """The rows added so far.
+
+    Attributes:
+        torque: (time, joint) pairs; rates: (start time, end time, joint); samples: times by derivative order.
+    """
+
+    torque: set[tuple[float, int]] = field(default_factory=set)
+    rates: set[tuple[float, float, int]] = field(default_factory=set)
+    samples: dict[int, set[float]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.torque) + len(self.rates) + sum(map(len, self.samples.values()))
+
+    def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
+        """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).
+
+        ``everywhere``: the kinematic limits hold for all t by construction.
+        """
+        before = len(self)
+        times = trajectory.sample_times(PER_SPAN)
+        states = [trajectory(times, order) for order in range(3)]
+        tau = kernels.torque(np.concatenate(states, axis=1))
+        self._add_torque(times, np.abs(tau) / problem.limits.torque - 1.0)
+        if np.any(np.isfinite(problem.limits.torque_rate)):
+            self._add_rates(times, np.abs(np.diff(tau, axis=0)) / np.diff(times)[:, None] / problem.limits.torque_rate - 1.0)
+        if not everywhere:
+            for order in range(4):
+                low, high = limits_of_order(problem.limits, order)
+                value = states[order] if order < 3 else trajectory(times, 3)
+                excess = np.max(np.maximum(low - value, value - high), axis=1)
+                peaks = _peaks(excess, KINEMATIC_EXCESS)
+                self.samples.setdefault(order, set()).update(float(t) for t in times[peaks])
+        return len(self) > before
+
+    def torque_rows(self, problem: Problem, samples: int) -> TorqueRows:
+        """The torque rows of the program; ``samples`` counts those of its quadrature, which come first."""
+        torque, rates = sorted(self.torque), sorted(self.rates)
+        times = np.unique([t for t, _ in torque] + [t for pair in rates for t in pair[:2]])
+        at = lambda values: samples + np.searchsorted(times, values)  # noqa: E731
+        limit = np.array([problem.limits.torque[i] for _, i in torque]) * (1.0 - TORQUE_BACKOFF)
+        rate = np.array([problem.limits.torque_rate[i] for *_, i in rates]) * (1.0 - RATE_BACKOFF)
+        inverse = np.array([1.0 / (t1 - t0) for t0, t1, _ in rates])
+        pair_row = len(torque) + np.arange(len(rates))
+        joints = np.array([i for *_, i in rates], int)
+        bound = np.concatenate([limit, rate])
+        return TorqueRows(
+            times=times,
+            row=np.concatenate([np.arange(len(torque)), pair_row, pair_row]).astype(int),
+            sample=np.concatenate([at([t for t, _ in torque]), at([t for t, _, _ in rates]), at([t for _, t, _ in rates])]).astype(int),
+            joint=np.concatenate([np.array([i for _, i in torque], int), joints, joints]),
+            scale=np.concatenate([np.ones(len(torque)), -inverse, inverse]),
+            lower=-bound,
+            upper=bound,
+        )
+
+    def sample_rows(self) -> tuple[SampleRow, ...]:
+        return tuple(SampleRow(order, np.array(sorted(times))) for order, times in self.samples.items() if times)
+
+    def _add_torque(self, times: np.ndarray, excess: np.ndarray) -> None:
+        for i in range(excess.shape[1]):
+            self.torque.update((float(t), i) for t in times[_stretches(excess[:, i], TORQUE_EXCESS)])
+
+    def _add_rates(self, times: np.ndarray, excess: np.ndarray) -> None:
+        for i in range(excess.shape[1]):
+            for k in np.flatnonzero(excess[:, i] > 0.0):
+                self.rates.add((float(times[k]), float(times[k + 1]), i))
+
+
+def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:
+    """Indices of the local maxima above a threshold."""
+    padded = np.concatenate([[-np.inf], excess, [-np.inf]])
+    return np.flatnonzero((excess > threshold) & (excess >= padded[:-2]) & (excess >= padded[2:]))
+
+
+def _stretches(excess: np.ndarray, threshold: float, stride: int = 6) -> np.ndarray:
+    """Indices that cover every stretch above a threshold: its peaks, every few samples of it, and its neighbours."""
+    above = np.flatnonzero(excess > threshold)
+    if not above.size:
+        return above
+    starts = above[np.concatenate([[True], np.diff(above) > 1])]
+    ends = above[np.concatenate([np.diff(above) > 1, [True]])]
+    spread = [np.arange(max(a - stride, 0), min(b + stride, len(excess) - 1) + 1, stride) for a, b in zip(starts, ends, strict=True)]
+    return np.unique(np.concatenate([*spread, _peaks(excess, threshold)]))
