@@ -131,6 +131,7 @@ def test_impossible_inertia_that_never_moves_is_a_note(tmp_path):
     base = factory.link("base", 1.0, (0, 0, 0), np.diag([0.1, 0.1, 5.0]))
     robot = eo.load_robot(factory.write(tmp_path, ARM.replace('<link name="base"/>', base)))
     assert any("'base'" in note and "does not move" in note for note in robot.notes)
+    assert "5.0" not in robot.urdf
 
 
 def test_impossible_inertia_of_a_trifle_is_a_note_and_of_a_heavy_part_an_error(tmp_path):

@@ -42,6 +42,8 @@ def inertia_fault(mass: float, inertia: np.ndarray) -> str:
 def lint_links(root: ET.Element, where: str) -> list[str]:
     """Check mass and inertia of every link of the prepared URDF (locked joints already fixed).
 
+    Impossible numbers of links that never move are taken out, in place: they enter no torque, and other engines refuse them.
+
     Returns:
         notes: faults of links that do not matter to the dynamics, one sentence each.
 
@@ -62,8 +64,11 @@ def lint_links(root: ET.Element, where: str) -> list[str]:
         still = body == _base(root)
         if weights[name] < 0 or not (still or light):
             raise RobotError(f"{where}: link '{name}': {fault}")
-        reason = "it does not move" if still else f"it weighs less than {TRIFLE:.0%} of the body it is fixed to"
-        notes.append(f"Link '{name}': {fault}; kept, since {reason}.")
+        if still:
+            link.remove(link.find("inertial"))
+            notes.append(f"Link '{name}': {fault}; left out, since it does not move.")
+        else:
+            notes.append(f"Link '{name}': {fault}; kept, since it weighs less than {TRIFLE:.0%} of the body it is fixed to.")
     return notes
 
 
