@@ -2,7 +2,7 @@
 
 A rigid body's inertia matrix about its centre of mass has principal moments J₁ ≤ J₂ ≤ J₃ with J₁ ≥ 0 and
 J₁ + J₂ ≥ J₃ (each moment is an integral of squared distances; P. M. Wensing et al., "Linear Matrix Inequalities for
-Physically-Consistent Inertial Parameter Identification", 2018, eq. 5). Files round their numbers to four or five digits,
+Physically-Consistent Inertial Parameter Identification", 2018). Files round their numbers to four or five digits,
 so an excess of 1e-4 of J₃, or of what the same mass would have at 0.03 mm, is let pass.
 
 Real files also hold links of no weight, and trifles (antennas, foot contacts) with made-up inertias. What counts is
