@@ -14,6 +14,7 @@ import numpy as np
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.sampling import extrema
 from energyopt.transcription.layout import TorqueRows
 from energyopt.transcription.linear import SampleRow, limits_of_order
 
@@ -23,8 +24,10 @@ TORQUE_EXCESS = 5e-5
 """Relative excess that calls for rows: half of what the verification allows."""
 TORQUE_BACKOFF = 2e-5
 """Rows are this much inside the limit, so that the torque between them stays within the excess."""
-RATE_BACKOFF = 2e-3
-"""The same for torque rates, whose peaks between samples are sharper."""
+RATE_STEP = 1e-2
+"""Distance of the two samples of a rate, as a share of their span: their mean rate is the rate at a point."""
+RATE_BACKOFF = 5e-4
+"""Rate rows are this much inside the limit."""
 KINEMATIC_EXCESS = 2e-7
 """Absolute excess of a sampled kinematic limit that calls for a row."""
 
@@ -51,18 +54,13 @@ class Cuts:
         """
         before = len(self)
         times = trajectory.sample_times(PER_SPAN)
-        states = [trajectory(times, order) for order in range(3)]
-        tau = kernels.torque(np.concatenate(states, axis=1))
+        tau = kernels.torque(np.concatenate([trajectory(times, order) for order in range(3)], axis=1))
         self._add_torque(times, np.abs(tau) / problem.limits.torque - 1.0)
         if np.any(np.isfinite(problem.limits.torque_rate)):
-            self._add_rates(times, np.abs(np.diff(tau, axis=0)) / np.diff(times)[:, None] / problem.limits.torque_rate - 1.0)
+            self._add_rates(problem, trajectory, kernels)
         if not everywhere:
             for order in range(4):
-                low, high = limits_of_order(problem.limits, order)
-                value = states[order] if order < 3 else trajectory(times, 3)
-                excess = np.max(np.maximum(low - value, value - high), axis=1)
-                peaks = _peaks(excess, KINEMATIC_EXCESS)
-                self.samples.setdefault(order, set()).update(float(t) for t in times[peaks])
+                self._add_samples(order, trajectory, *limits_of_order(problem.limits, order))
         return len(self) > before
 
     def torque_rows(self, problem: Problem, samples: int) -> TorqueRows:
@@ -93,10 +91,23 @@ class Cuts:
         for i in range(excess.shape[1]):
             self.torque.update((float(t), i) for t in times[_stretches(excess[:, i], TORQUE_EXCESS)])
 
-    def _add_rates(self, times: np.ndarray, excess: np.ndarray) -> None:
-        for i in range(excess.shape[1]):
-            for k in np.flatnonzero(excess[:, i] > 0.0):
-                self.rates.add((float(times[k]), float(times[k + 1]), i))
+    def _add_rates(self, problem: Problem, trajectory: Trajectory, kernels: Kernels) -> None:
+        """Pairs of samples a tiny step apart, inside one span, where the rate between them is too high."""
+        width = np.diff(trajectory.breaks)[:, None]
+        first = trajectory.breaks[:-1, None] + width * np.linspace(0.0, 1.0 - RATE_STEP, PER_SPAN + 1)
+        pairs = np.stack([first, first + RATE_STEP * width], axis=-1).reshape(-1, 2)
+        states = np.concatenate([trajectory(pairs.ravel(), order) for order in range(3)], axis=1)
+        tau = kernels.torque(states).reshape(*pairs.shape, -1)
+        rate = np.abs(tau[:, 1] - tau[:, 0]) / (pairs[:, 1] - pairs[:, 0])[:, None]
+        for i, excess in enumerate((rate / problem.limits.torque_rate - 1.0).T):
+            self.rates.update((*map(float, pairs[k]), i) for k in _stretches(excess, 0.0, stride=5))
+
+    def _add_samples(self, order: int, trajectory: Trajectory, low: np.ndarray, high: np.ndarray) -> None:
+        """The exact extrema of a derivative that lie outside its limits."""
+        if np.any(np.isfinite(low) | np.isfinite(high)):
+            times, values = extrema(trajectory, order)
+            outside = np.maximum(low - values, values - high) > KINEMATIC_EXCESS
+            self.samples.setdefault(order, set()).update(float(t) for t in times[outside])
 
 
 def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:

@@ -59,7 +59,7 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
     groups = []
     for order in range(4):
         low, high = limits_of_order(problem.limits, order)
-        low, high = low + KINEMATIC_BACKOFF * np.abs(low), high - KINEMATIC_BACKOFF * np.abs(high)
+        low, high = _backed_off(low, 1.0), _backed_off(high, -1.0)
         if np.any(np.isfinite(low) | np.isfinite(high)):
             extra = [space.rows_at(row.times, order) for row in samples if row.order == order]
             rows = vstack([space.bounding_rows(order), *extra], format="csr")
@@ -72,6 +72,10 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
         positions = np.array([w.position for w in timed])
         groups.append((space.rows_at(np.array([w.time for w in timed]), 0), positions, positions))
     return _in_unknowns(groups, unknowns, nv)
+
+
+def _backed_off(bound: np.ndarray, sign: float) -> np.ndarray:
+    return np.where(np.isfinite(bound), bound + sign * KINEMATIC_BACKOFF * np.abs(np.where(np.isfinite(bound), bound, 0.0)), bound)
 
 
 def _in_unknowns(groups: list, unknowns: Unknowns, nv: int) -> LinearRows:
