@@ -7,13 +7,12 @@ problem and the trajectory under ``robot.…``, ``problem.…`` and ``trajectory
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energyopt import parameterizations
 from energyopt.errors import EnergyOptError, FileError
 from energyopt.io.archive import npz_bytes, read_npz, write_atomic
 from energyopt.io.parts import problem_arrays, problem_from_arrays, robot_arrays, robot_from_arrays
@@ -94,27 +93,16 @@ def _plan(meta: dict[str, Any], problem, trajectory: Trajectory) -> Plan:
         iterations=int(meta["iterations"]),
         time_s=_floats(meta["time_s"]),
         seed=int(meta["seed"]),
-        options={str(key): _decode(value) for key, value in meta["options"].items()},
+        options=dict(meta["options"]),
         notes=tuple(str(note) for note in meta["notes"]),
     )
 
 
 def _encode(value: Any) -> Any:
-    """What JSON does not know: numpy numbers and arrays as lists, parameterisations by name and fields."""
+    """Numpy numbers and arrays, which JSON does not know, as numbers and lists."""
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
-    if is_dataclass(value):
-        return {"class": type(value).__name__, "fields": asdict(value)}
-    return str(value)
-
-
-def _decode(value: Any) -> Any:
-    if isinstance(value, dict) and set(value) == {"class", "fields"}:
-        if value["class"] not in ("BSpline", "Sinusoid", "HermiteSimpson"):
-            raise ValueError(f"unknown parameterisation {str(value['class'])[:40]!r}")
-        fields = {k: tuple(v) if isinstance(v, list) else v for k, v in value["fields"].items()}
-        return getattr(parameterizations, value["class"])(**fields)
-    return value
+    raise TypeError(f"{type(value).__name__} in a plan's options cannot be saved")
 
 
 def _meta(arrays: dict[str, np.ndarray]) -> dict[str, Any]:

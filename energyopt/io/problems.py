@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ def load_task(path_or_name: str | Path, overrides: Mapping[str, Any] | None = No
         as `load_problem`.
     """
     document = read_toml(find_problem(path_or_name))
+    document = replace(document, overridden=frozenset(overrides or ()))
     _override(document.table, overrides or {})
     table = validate(document, PROBLEM_FILE)
     angles = table.get("angles", "rad")

@@ -28,14 +28,18 @@ class Document:
         path: where it was read.
         text: its text.
         table: its content.
+        overridden: dotted keys whose value is not the file's but the caller's.
     """
 
     path: Path
     text: str
     table: dict[str, Any]
+    overridden: frozenset[str] = frozenset()
 
     def place(self, key: str) -> str:
         """``file:line`` of a dotted key such as "problem.start[2]"; of the nearest enclosing table where it has no line."""
+        if key in self.overridden:
+            return f"{self.path}, changed by the caller"
         wanted = tuple(re.sub(r"\[\d+\]", "", key).split("."))
         index = re.search(r"\[(\d+)\]", key)
         best, line = 0, 0

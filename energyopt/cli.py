@@ -1,0 +1,205 @@
+"""The command line: arguments in, exit code out. The work is done by `workflow`, `tables` and `io`.
+
+Exit codes: 0 solved and valid, 1 no valid plan, 2 bad input (one line on stderr says what and where), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from energyopt import __version__
+from energyopt.errors import EnergyOptError, FileError
+
+VALID, INVALID, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+
+
+class _Parser(argparse.ArgumentParser):
+    """Argument errors in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"energyopt: error: {' '.join(message.split())} (see: {self.prog} --help)\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # terminals without Greek letters get a question mark
+    try:
+        parsed = _parser().parse_args(arguments)
+        code = parsed.command(parsed)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader, such as head, has what it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except KeyboardInterrupt:
+        print("energyopt: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except EnergyOptError as error:
+        print(f"energyopt: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def _parser() -> _Parser:
+    parser = _Parser(prog="energyopt", description="Energy-optimal motions for robot arms, planned and proved in simulation.")
+    parser.add_argument("--version", action=_Version, help="versions, the dynamics backend and the compiler in use")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _add_plan(commands)
+    _add_replay(commands)
+    bench = commands.add_parser("bench", help="run the benchmark scripts")
+    bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
+    bench.set_defaults(command=_bench)
+    robots = commands.add_parser("robots", help="list the robots known by name")
+    robots.set_defaults(command=_robots)
+    check = commands.add_parser("check", help="check a problem (TOML) or a robot (URDF) without solving")
+    check.add_argument("file", metavar="FILE", help="a problem file, the name of a catalogue problem, or a URDF file")
+    check.set_defaults(command=_check)
+    return parser
+
+
+def _add_plan(commands: argparse._SubParsersAction) -> None:
+    plan = commands.add_parser("plan", help="plan a motion, replay it in MuJoCo, write the results")
+    plan.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
+    plan.add_argument("--out", type=Path, metavar="DIR", help="folder for the results; without it nothing is written")
+    plan.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
+    plan.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    plan.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
+    given = plan.add_argument_group("in place of what the file says")
+    given.add_argument("--duration", type=float, metavar="S", help="duration [s]", dest="problem.duration")
+    given.add_argument("--velocity-weight", type=float, metavar="LAMBDA", help="weight of Σq̇²", dest="problem.velocity_weight")
+    given.add_argument(
+        "--parameterization", metavar="KIND", help="bspline, sinusoid, hermite_simpson", dest="method.parameterization"
+    )
+    for key in ("degree", "control_points", "harmonics", "intervals", "seed", "starts"):
+        given.add_argument(f"--{key.replace('_', '-')}", type=int, metavar="N", dest=f"method.{key}")
+    given.add_argument("--accuracy", type=_accuracy, metavar="E", help="relative error of J, or none", dest="method.accuracy")
+    given.add_argument("--time-limit", type=float, metavar="S", help="stop solving after this time", dest="method.time_limit")
+    plan.set_defaults(command=_plan)
+
+
+def _add_replay(commands: argparse._SubParsersAction) -> None:
+    replay = commands.add_parser("replay", help="replay a saved plan in MuJoCo")
+    replay.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="folder for results with this replay")
+    replay.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    replay.add_argument("--stiffness", type=float, metavar="KP", help="feedback on position [1/s²]")
+    replay.add_argument("--damping", type=float, metavar="KD", help="feedback on velocity [1/s]")
+    replay.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
+    replay.add_argument("--collisions", action="store_true", default=None, help="look for contacts")
+    replay.add_argument("--model", metavar="FILE", help="simulate another robot: a URDF, a name, or a problem file's")
+    replay.set_defaults(command=_replay)
+
+
+def _plan(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_task
+    from energyopt.workflow import run
+
+    overrides = {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
+    problem, options = load_task(parsed.problem, overrides)
+    verbose = sys.stderr.isatty() and not parsed.quiet
+    outcome = run(problem, options, parsed.out, replay=not parsed.no_replay, figures=not parsed.no_figures, verbose=verbose)
+    return _finish(outcome, parsed.quiet)
+
+
+def _replay(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_plan
+    from energyopt.workflow import judge_and_write, prepare_folder
+
+    path = Path(parsed.plan)
+    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    if parsed.out is not None:
+        prepare_folder(parsed.out)
+    names = ("stiffness", "damping", "physics_step", "collisions")
+    options = {name: getattr(parsed, name) for name in names if getattr(parsed, name) is not None}
+    if parsed.model is not None:
+        options["plant"] = _model(parsed.model)
+    return _finish(judge_and_write(plan, parsed.out, figures=not parsed.no_figures, **options))
+
+
+def _finish(outcome, quiet: bool = False) -> int:
+    from energyopt.plans import Status
+    from energyopt.tables import outcome_table
+
+    if not quiet:
+        print(outcome_table(outcome))
+    if outcome.plan.status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return VALID if outcome.summary["valid"] else INVALID
+
+
+def _model(given: str):
+    from energyopt.io import load_problem
+    from energyopt.robots import load_robot
+
+    return load_problem(given).robot if given.endswith(".toml") else load_robot(given)
+
+
+def _bench(parsed: argparse.Namespace) -> int:
+    from energyopt.io import problems_folder
+
+    folder = problems_folder() / "benchmarks"
+    scripts = {path.stem: path for path in sorted(folder.glob("*.py")) if not path.stem.startswith("_")}
+    if not scripts:
+        raise FileError(f"{folder}: no benchmark scripts there")
+    if parsed.suite and parsed.suite not in scripts:
+        raise FileError(f"no benchmark suite '{parsed.suite[:80]}'; expected one of {', '.join(scripts)}")
+    for name in [parsed.suite] if parsed.suite else scripts:
+        code = subprocess.run([sys.executable, str(scripts[name])], check=False).returncode
+        if code:
+            return INVALID if code > 0 else 128 - code
+    return VALID
+
+
+def _robots(parsed: argparse.Namespace) -> int:
+    from energyopt.robots import catalogue, load_robot
+    from energyopt.tables import robots_table
+
+    print(robots_table(catalogue(), load_robot))
+    return VALID
+
+
+def _check(parsed: argparse.Namespace) -> int:
+    from energyopt.feasibility import check_feasibility
+    from energyopt.io import load_task
+    from energyopt.robots import load_robot
+    from energyopt.tables import robot_lines
+
+    if Path(parsed.file).suffix.lower() in (".urdf", ".xml"):
+        print(robot_lines(load_robot(Path(parsed.file))))
+        return VALID
+    problem, _ = load_task(parsed.file)
+    print(robot_lines(problem.robot))
+    check_feasibility(problem)
+    print(f"{problem.name}: a well-formed problem of {problem.duration:g} s; no reason was found why it could not be solved")
+    return VALID
+
+
+def _accuracy(text: str) -> float | bool:
+    """A number, or "none" for the knots as they are."""
+    return False if text.lower() in ("none", "off") else float(text)
+
+
+class _Version(argparse.Action):
+    """Print the versions and leave."""
+
+    def __init__(self, **options):
+        super().__init__(nargs=0, **options)
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        from energyopt.dynamics import backend
+        from energyopt.dynamics.compiler import find_compiler
+        from energyopt.workflow import versions
+
+        compiler = find_compiler()
+        print(f"energyopt {__version__}")
+        print(f"dynamics: {backend()}")
+        print(f"compiler: {' '.join(compiler)}" if compiler else "compiler: none found; kernels run in CasADi's virtual machine")
+        print(", ".join(f"{name} {version}" for name, version in versions().items() if name != "energyopt"))
+        parser.exit(VALID)

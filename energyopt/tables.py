@@ -1,0 +1,137 @@
+"""What the command line prints: an outcome, and the robots of the catalogue, in a few lines each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from energyopt.robots import RobotModel
+from energyopt.workflow import Outcome
+
+REFERENCE = "quintic"
+"""The baseline that savings are stated against: the minimum-jerk motion of the same duration."""
+
+
+def outcome_table(outcome: Outcome) -> str:
+    """Status, objective, joules, saving, worst margin of each limit, replay error, times, files."""
+    plan = outcome.plan
+    robot = plan.problem.robot
+    share = plan.cost_terms.get("velocity_squared", 0.0) / plan.objective if plan.objective > 0 else 0.0
+    rows = [
+        ("status", f"{plan.status.value}: {plan.message}"),
+        ("motion", f"{robot.name}, {robot.nv} joints, {plan.duration:g} s"),
+        ("objective J", f"{plan.objective:.6g}, of which {100 * share:.1f} % for velocity{_estimate(outcome)}"),
+        ("energy", _energy(outcome)),
+        (f"against {REFERENCE}", _saving(outcome)),
+        *_margins(outcome),
+        ("replay in MuJoCo", _replay(outcome)),
+        ("checks", _checks(outcome)),
+        ("time", _times(outcome)),
+    ]
+    if outcome.files:
+        names = ", ".join(path.name for path in outcome.files)
+        rows.append(("files", f"{_shown(outcome.files[0].parent)}: {names}"))
+    width = max(len(label) for label, _ in rows)
+    lines = [f"  {label:<{width}}  {text}" for label, text in rows]
+    lines += [f"  {'note':<{width}}  {note}" for note in plan.notes]
+    return "\n".join([plan.problem.name or "problem", *lines])
+
+
+def robots_table(names: tuple[str, ...], load: Callable[[str], RobotModel]) -> str:
+    """Joints, mass they move, limits and data file of the robots of the catalogue."""
+    lines = [f"{'name':16} {'joints':>6} {'moves':>9} {'torque limits':>15} {'velocity limits':>15}  file"]
+    for name in names:
+        robot = load(name)
+        mass = sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
+        torque, velocity = _range(robot.limits.torque, "N·m"), _range(robot.limits.velocity, "rad/s")
+        file = "/".join(robot.source.parts[-3:]) if robot.source else ""
+        lines.append(f"{name:16} {robot.nv:6} {mass:6.1f} kg {torque:>15} {velocity:>15}  {file}")
+    return "\n".join(lines)
+
+
+def robot_lines(robot: RobotModel) -> str:
+    """One robot: its joints with limits, its tool, and what loading found."""
+    limits, width = robot.limits, max(len(name) for name in robot.joint_names)
+    mass = sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
+    lines = [f"{robot.name}: {robot.nv} joints, moving mass {mass:.4g} kg, tool frame {robot.tool_frame}"]
+    for i, name in enumerate(robot.joint_names):
+        position = f"{limits.lower[i]:8.4g} to {limits.upper[i]:8.4g}"
+        lines.append(f"  {name:<{width}}  {position}   velocity {limits.velocity[i]:6.4g}   torque {limits.torque[i]:6.4g}")
+    return "\n".join(lines + [f"  note: {note}" for note in robot.notes])
+
+
+def _estimate(outcome: Outcome) -> str:
+    error = outcome.plan.discretization_error
+    iterations = f"{outcome.plan.iterations} iterations"
+    return (
+        f"; {iterations}" if error is None else f"; within {100 * error:.2g} % of the continuous optimum (estimate); {iterations}"
+    )
+
+
+def _energy(outcome: Outcome) -> str:
+    planned = f"{outcome.report.plan_metrics.mechanical_abs_J:.4g} J planned (sum of ∫|τ q̇|dt)"
+    replayed = outcome.report.replay_metrics
+    if replayed is None:
+        return planned
+    return f"{planned}, {replayed.mechanical_abs_J:.4g} J replayed ({outcome.report.energy_gap_percent:+.3f} %)"
+
+
+def _saving(outcome: Outcome) -> str:
+    other = outcome.report.baselines[REFERENCE]
+    objective, energy = (_percent(x) for x in (other.saving_percent, other.energy_saving_percent))
+    holds = "which holds the limits" if other.within_limits else "which breaks a limit"
+    return f"J {objective}, energy {energy} (same {outcome.plan.duration:g} s; {other.metrics.mechanical_abs_J:.4g} J, {holds})"
+
+
+def _percent(saving: float | None) -> str:
+    if saving is None:
+        return "–"
+    return f"{saving:.1f} % less" if saving >= 0 else f"{-saving:.1f} % more"
+
+
+def _margins(outcome: Outcome) -> list[tuple[str, str]]:
+    """One row a limit: the least margin in % of the limit, with joint and time."""
+    violations, rows = outcome.report.violations, []
+    for name, margin in violations.margin.items():
+        if not np.isfinite(margin):
+            continue
+        joint, time = violations.worst.get(name, ("", np.nan))
+        where = f" ({joint}, {time:.2f} s)" if joint and np.isfinite(time) else ""
+        rows.append((f"margin {name.removesuffix('_percent').replace('_', ' ')}", f"{margin:.2f} %{where}"))
+    return rows
+
+
+def _replay(outcome: Outcome) -> str:
+    tracking = outcome.report.tracking
+    if tracking is None:
+        return outcome.summary.get("replay_failure", "not done")
+    joints = f"{tracking.joint_rms:.2g} rad RMS, {tracking.joint_max:.2g} rad largest"
+    return f"tracking error {joints}; tool {1000 * tracking.tool_max:.2g} mm largest"
+
+
+def _checks(outcome: Outcome) -> str:
+    checks = outcome.report.checks
+    failed = [check for check in checks if not check.passed]
+    if not failed:
+        return f"all {len(checks)} passed"
+    shown = "; ".join(f"{c.name} {c.value:.3g} {c.unit}, at most {c.threshold:g}" for c in failed)
+    return f"{len(failed)} of {len(checks)} FAILED: {shown}"
+
+
+def _times(outcome: Outcome) -> str:
+    parts = {**outcome.plan.time_s}
+    if outcome.log is not None:
+        parts["replay"] = outcome.log.wall_s
+    return ", ".join(f"{name} {seconds:.3g} s" for name, seconds in parts.items())
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.3g} {unit}" if low == high else f"{low:.3g}–{high:.3g} {unit}"
+
+
+def _shown(folder: Path) -> str:
+    text = str(folder)
+    return text if text.endswith("/") else f"{text}/"

@@ -1,0 +1,213 @@
+"""From a task to a folder of results: plan → replay → validate → files. What the command line does, as functions.
+
+The folder holds plan.npz, summary.json, trajectory.csv, joint_trajectory.json, metrics.png, joints.png and report.html.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, is_dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energyopt import __version__
+from energyopt.errors import FileError, SimulationError
+from energyopt.io import save_plan, write_atomic, write_csv, write_joint_trajectory
+from energyopt.plans import Plan
+from energyopt.problem import Problem
+
+if TYPE_CHECKING:
+    from energyopt.simulation.log import ReplayLog
+    from energyopt.validation import ValidationReport
+
+MARKER = ".energyopt"
+"""File that marks a folder as written by energyopt: only in such a folder are files replaced."""
+DATA_FILES = ("plan.npz", "summary.json", "trajectory.csv", "joint_trajectory.json")
+FIGURE_FILES = ("metrics.png", "joints.png", "report.html")
+LIBRARIES = ("casadi", "pin", "mujoco", "numpy", "scipy", "matplotlib", "example-robot-data")
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a run gave.
+
+    Attributes:
+        plan: the motion and its status. log: of the replay; None where there was none. report: the verdicts.
+        summary: the content of summary.json.
+        files: what was written, in order; empty without a folder.
+    """
+
+    plan: Plan
+    log: ReplayLog | None
+    report: ValidationReport
+    summary: dict[str, Any]
+    files: tuple[Path, ...]
+
+    @property
+    def valid(self) -> bool:
+        """Whether the plan is solved and every check passed."""
+        return self.plan.solved and self.report.passed
+
+
+def run(
+    problem: Problem,
+    options: Mapping[str, Any],
+    out: Path | None = None,
+    *,
+    replay: bool = True,
+    figures: bool = True,
+    verbose: bool = False,
+) -> Outcome:
+    """Plan a problem, replay it in MuJoCo, judge it, and write the results.
+
+    Args:
+        problem: what is asked. options: keyword arguments of `energyopt.plan`.
+        out: folder for the files, made if needed; None writes nothing.
+        replay: simulate a plan that was solved. figures: draw figures and write the report page.
+        verbose: show the solver's progress.
+
+    Raises:
+        FileError: the folder cannot be used. InputError: the problem is impossible.
+    """
+    from energyopt.planning import plan as plan_motion
+
+    if out is not None:
+        prepare_folder(out)
+    plan = plan_motion(problem, verbose=verbose, throw=False, **options)
+    return judge_and_write(plan, out, replay=replay and plan.solved, figures=figures)
+
+
+def judge_and_write(plan: Plan, out: Path | None, *, replay: bool = True, figures: bool = True, **replay_options: Any) -> Outcome:
+    """The part of `run` after planning; ``replay_options`` are those of `energyopt.replay`.
+
+    Raises:
+        FileError: a file cannot be written. InputError: a replay option makes no sense.
+    """
+    from energyopt.validation import validate
+
+    log, failure = _replayed(plan, replay_options) if replay else (None, "")
+    report = validate(plan, log)
+    summary = summarize(plan, log, report)
+    if failure:
+        summary |= {"replay_failure": failure, "valid": False}
+    files = () if out is None else _write(plan, log, report, summary, out, figures)
+    return Outcome(plan, log, report, summary, files)
+
+
+def summarize(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> dict[str, Any]:
+    """The content of summary.json: SI units, radians, every number finite, None where there is none."""
+    robot = plan.problem.robot
+    judged = report.as_dict()
+    violation = dict.fromkeys(("position", "velocity", "acceleration", "torque_percent", "clearance_m"), 0.0)
+    summary = {
+        "name": plan.problem.name,
+        "status": plan.status.value,
+        "message": plan.message,
+        "valid": plan.solved and report.passed,
+        "robot": robot.name,
+        "joint_names": list(robot.joint_names),
+        "duration_s": plan.duration,
+        **judged,
+        "energy": {**judged["energy"], "electrical_J": None},
+        "max_violation": {**violation, **judged["max_violation"]},
+        "discretization_error": plan.discretization_error,
+        "iterations": plan.iterations,
+        "seed": plan.seed,
+        "options": plan.options,
+        "time_s": {**plan.time_s, "replay": None if log is None else log.wall_s},
+        "notes": plan.notes,
+        "versions": versions(),
+    }
+    return plain(summary)
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the numbers."""
+    found = {"energyopt": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON knows it; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (bool, np.bool_)) or value is None:
+        return None if value is None else bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if is_dataclass(value):
+        return {"kind": type(value).__name__, **plain(asdict(value))}
+    return str(value)
+
+
+def prepare_folder(out: Path) -> None:
+    """Make the folder, or make sure that what it holds may be replaced.
+
+    Raises:
+        FileError: it cannot be made or written, or holds files of these names that energyopt did not write.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        present = [name for name in (*DATA_FILES, *FIGURE_FILES) if (out / name).exists()]
+        if present and not (out / MARKER).exists():
+            raise FileError(f"{out}: holds {present[0]} that energyopt did not write; choose another folder, or move it away")
+    except FileExistsError:
+        raise FileError(f"{out}: is a file; expected a folder for the results") from None
+    except OSError as error:
+        raise FileError(f"{out}: cannot be used for the results ({error.strerror or error})") from None
+    write_atomic(out / MARKER, b"This folder was written by energyopt; its results are replaced by the next run.\n")
+
+
+def _replayed(plan: Plan, options: Mapping[str, Any]) -> tuple[ReplayLog | None, str]:
+    """The replay, or why there is none."""
+    from energyopt.simulation import replay
+
+    try:
+        return replay(plan, **options), ""
+    except SimulationError as error:
+        return None, str(error)
+
+
+def _write(
+    plan: Plan, log: ReplayLog | None, report: ValidationReport, summary: dict[str, Any], out: Path, figures: bool
+) -> tuple[Path, ...]:
+    """Write the files; those of an earlier run go first, so that what is there belongs together."""
+    prepare_folder(out)
+    for name in (*DATA_FILES, *FIGURE_FILES):
+        (out / name).unlink(missing_ok=True)
+    save_plan(plan, out / "plan.npz")
+    write_csv(plan, out / "trajectory.csv")
+    write_joint_trajectory(plan, out / "joint_trajectory.json")
+    if figures:
+        _draw(plan, log, report, out)
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+    write_atomic(out / "summary.json", (text + "\n").encode())
+    return tuple(out / name for name in (*DATA_FILES, *FIGURE_FILES) if (out / name).exists())
+
+
+def _draw(plan: Plan, log: ReplayLog | None, report: ValidationReport, out: Path) -> None:
+    import io
+
+    from energyopt.plotting import plot_joints, plot_metrics
+    from energyopt.report import write_report
+
+    for draw, name in ((plot_metrics, "metrics.png"), (plot_joints, "joints.png")):
+        image = io.BytesIO()
+        draw(plan, log).savefig(image, format="png", dpi=150)
+        write_atomic(out / name, image.getvalue())
+    write_report(plan, log, report, out / "report.html")
