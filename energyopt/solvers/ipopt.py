@@ -114,7 +114,7 @@ def _casadi_options(program, functions: _Functions, monitor: _Monitor, options: 
         "print_level": 0,
         "sb": "yes",
         "tol": options.tolerance,
-        "constr_viol_tol": 1e-6,
+        "constr_viol_tol": 1e-5,
         "acceptable_tol": 1e2 * options.tolerance,
         "max_iter": options.iterations,
         "mu_init": options.barrier,

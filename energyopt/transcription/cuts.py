@@ -24,9 +24,9 @@ TORQUE_EXCESS = 5e-5
 """Relative excess that calls for rows: half of what the verification allows."""
 TORQUE_BACKOFF = 2e-5
 """Rows are this much inside the limit, so that the torque between them stays within the excess."""
-RATE_STEP = 1e-2
+RATE_STEP = 2e-4
 """Distance of the two samples of a rate, as a share of their span: their mean rate is the rate at a point."""
-RATE_BACKOFF = 5e-4
+RATE_BACKOFF = 3e-4
 """Rate rows are this much inside the limit."""
 KINEMATIC_EXCESS = 2e-7
 """Absolute excess of a sampled kinematic limit that calls for a row."""
