@@ -27,7 +27,7 @@ typedef struct {
   const int *hess_place;       /* blocks x blocks: rows of block A before it in the columns of block B, -1 none */
   double *coefficient, *state, *torque; /* work: coefficients x NV, samples x NZ, samples x NV */
   double *multiplier, *power, *jacobian; /* work: samples x NV, samples x NV, max(demanded, LANES) x NV x NZ */
-  double *curvature, *gradient;          /* work: LANES x NZ x NZ, samples x NZ */
+  double *gradient;                      /* work: samples x NZ */
 } Program;
 
 static void pack(const double *from, long size, long first, long count, V *to) {
@@ -76,9 +76,9 @@ void eo_jacobian(long N, const double *z, double *tau, double *Jt) {
   }
 }
 
-/* one group of lanes: the full symmetric S + J' diag(p) J, each lane NZ x NZ */
-static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, double *H) {
-  V zz[NZ], pp[NV], mm[NV], jj[NV * NZ], ss[LOWER], hh[NZ * NZ];
+/* one group of lanes: the full symmetric S + J' diag(p) J */
+static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, V *H) {
+  V zz[NZ], pp[NV], mm[NV], jj[NV * NZ], ss[LOWER];
   pack(z, NZ, k, n, zz);
   pack(p, NV, k, n, pp);
   pack(mu, NV, k, n, mm);
@@ -89,18 +89,20 @@ static void hessian_group(long k, long n, const double *z, const double *p, cons
     for (long a = b; a < NZ; ++a) {
       V sum = scaled[0] * jj[a * NV];
       for (long i = 1; i < NV; ++i) sum += scaled[i] * jj[a * NV + i];
-      hh[a * NZ + b] = sum;
+      H[a * NZ + b] = sum;
     }
   }
-  for (long e = 0; e < LOWER; ++e) hh[lower_row[e] * NZ + lower_column[e]] += ss[e];
+  for (long e = 0; e < LOWER; ++e) H[lower_row[e] * NZ + lower_column[e]] += ss[e];
   for (long a = 0; a < NZ; ++a)
-    for (long b = 0; b <= a; ++b)
-      for (long l = 0; l < n; ++l)
-        H[(l * NZ + a) * NZ + b] = H[(l * NZ + b) * NZ + a] = hh[a * NZ + b][l];
+    for (long b = 0; b < a; ++b) H[b * NZ + a] = H[a * NZ + b];
 }
 
 void eo_hessian(long N, const double *z, const double *p, const double *mu, double *H) {
-  FOR_LANES(k, n, N) hessian_group(k, n, z, p, mu, H + k * NZ * NZ);
+  V hh[NZ * NZ];
+  FOR_LANES(k, n, N) {
+    hessian_group(k, n, z, p, mu, hh);
+    unpack(hh, NZ * NZ, k, n, H);
+  }
 }
 
 /* ---- the nonlinear program ---- */
@@ -200,45 +202,60 @@ void eo_program_jacobian(const Program *P, double *values) {
   }
 }
 
-/* add basis' H basis of one sample: H is NZ x NZ, its columns first contracted to each local coefficient */
-static void add_sample_hessian(const Program *P, long k, const double *H, double *values) {
-  const double *basis = P->basis + k * 3 * P->local;
-  for (long lb = 0; lb < P->local; ++lb) {
-    const int B = P->block[P->column[k * P->local + lb]];
-    if (B < 0) continue;
-    double half[NZ][NV];
+/* whether any lane has an entry for the local pair (la, lb) in the upper triangle of blocks */
+static int pair_needed(const int *blocks, long n, long local, long la, long lb) {
+  for (long l = 0; l < n; ++l) {
+    const int A = blocks[l * local + la], B = blocks[l * local + lb];
+    if (A >= 0 && A <= B) return 1;
+  }
+  return 0;
+}
+
+static void add_block(const Program *P, int A, int B, long lane, V block[NV][NV], double *values) {
+  const int place = P->hess_place[A * P->blocks + B];
+  for (long j = 0; j < NV; ++j) {
+    double *to = values + P->hess_column[B * NV + j] + place;
+    const long rows = A == B ? j + 1 : NV;
+    for (long i = 0; i < rows; ++i) to[i] += block[j][i][lane];
+  }
+}
+
+/* add basis' H basis of one group of samples: the columns of H are first contracted to one local coefficient */
+static void add_group_hessian(const Program *P, long k, long n, const V *H, double *values) {
+  const long local = P->local;
+  int blocks[LANES * local];
+  V basis[3 * local], half[NZ][NV], block[NV][NV];
+  pack(P->basis, 3 * local, k, n, basis);
+  for (long l = 0; l < n; ++l)
+    for (long c = 0; c < local; ++c) blocks[l * local + c] = P->block[P->column[(k + l) * local + c]];
+  for (long lb = 0; lb < local; ++lb) {
+    const V c0 = basis[lb], c1 = basis[local + lb], c2 = basis[2 * local + lb];
     for (long a = 0; a < NZ; ++a)
       for (long j = 0; j < NV; ++j)
-        half[a][j] = basis[lb] * H[a * NZ + j] + basis[P->local + lb] * H[a * NZ + NV + j]
-                   + basis[2 * P->local + lb] * H[a * NZ + 2 * NV + j];
-    for (long la = 0; la < P->local; ++la) {
-      const int A = P->block[P->column[k * P->local + la]];
-      if (A < 0 || A > B) continue;
-      const double b0 = basis[la], b1 = basis[P->local + la], b2 = basis[2 * P->local + la];
-      const int place = P->hess_place[A * P->blocks + B];
-      double block[NV][NV];
+        half[a][j] = c0 * H[a * NZ + j] + c1 * H[a * NZ + NV + j] + c2 * H[a * NZ + 2 * NV + j];
+    for (long la = 0; la < local; ++la) {
+      if (!pair_needed(blocks, n, local, la, lb)) continue;
+      const V b0 = basis[la], b1 = basis[local + la], b2 = basis[2 * local + la];
       for (long i = 0; i < NV; ++i)
         for (long j = 0; j < NV; ++j)
           block[j][i] = b0 * half[i][j] + b1 * half[NV + i][j] + b2 * half[2 * NV + i][j];
-      for (long j = 0; j < NV; ++j) {
-        double *to = values + P->hess_column[B * NV + j] + place;
-        const long rows = A == B ? j + 1 : NV;
-        for (long i = 0; i < rows; ++i) to[i] += block[j][i];
+      for (long l = 0; l < n; ++l) {
+        const int A = blocks[l * local + la], B = blocks[l * local + lb];
+        if (A >= 0 && A <= B) add_block(P, A, B, l, block, values);
       }
     }
   }
 }
 
 void eo_program_hessian(const Program *P, double sigma, const double *lambda, double *values) {
+  V H[NZ * NZ], weight[1];
   set_power(P, sigma);
   set_multiplier(P, lambda);
   for (long e = 0; e < P->hess_nonzeros; ++e) values[e] = 0.0;
   FOR_LANES(k, n, P->samples) {
-    hessian_group(k, n, P->state, P->power, P->multiplier, P->curvature);
-    for (long l = 0; l < n; ++l) {
-      double *H = P->curvature + l * NZ * NZ;
-      for (long m = 0; m < NZ; ++m) H[m * NZ + m] += 2.0 * sigma * P->weight[k + l] * P->state_weight[m];
-      add_sample_hessian(P, k + l, H, values);
-    }
+    hessian_group(k, n, P->state, P->power, P->multiplier, H);
+    pack(P->weight, 1, k, n, weight);
+    for (long m = 0; m < NZ; ++m) H[m * NZ + m] += weight[0] * (2.0 * sigma * P->state_weight[m]);
+    add_group_hessian(P, k, n, H, values);
   }
 }

@@ -13,11 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline as ScipySpline
-from scipy.sparse import csr_array, diags_array
 
 from energyopt.errors import ProblemError
-from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
+from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
 
 
@@ -90,13 +88,12 @@ class SplineSpace(MotionSpace):
         span = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
         columns = span[:, None] + np.arange(self.degree + 1)
         values = np.zeros((len(t), orders, self.degree + 1))
-        difference = csr_array(np.eye(self.size))
         for order in range(min(orders, self.degree + 1)):
-            low = self._design(t, span, self.degree - order)
-            if order:
-                difference = self._difference(order) @ difference
-            local = (low @ difference).toarray()
-            values[:, order] = np.take_along_axis(local, columns, axis=1)
+            local = self._lower_splines(t, span, self.degree - order)
+            for k in range(order, 0, -1):
+                slope = local * self._slope(k)[span[:, None] + np.arange(local.shape[1])]
+                local = _difference(slope, slope)
+            values[:, order] = local
         return columns, values
 
     def quadrature(self):
@@ -116,10 +113,11 @@ class SplineSpace(MotionSpace):
         return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
 
     def bounding_rows(self, order):
-        rows = csr_array(np.eye(self.size))
+        values = np.ones((self.size, 1))
         for k in range(1, order + 1):
-            rows = self._difference(k) @ rows
-        return csr_array(rows)
+            slope = self._slope(k)[:, None]
+            values = slope * _difference(values[1:], values[:-1])
+        return Rows.banded(np.arange(len(values))[:, None] + np.arange(order + 1), values)
 
     def trajectory(self, coefficients):
         return SplineTrajectory(self.knots, coefficients, self.degree)
@@ -127,39 +125,31 @@ class SplineSpace(MotionSpace):
     def interpolate(self, trajectory: Trajectory):
         """Interpolation at the Greville abscissae; reproduces every spline of this space."""
         p = self.degree
-        greville = np.array([self.knots[j + 1 : j + p + 1].mean() for j in range(self.size)])
-        matrix = ScipySpline.design_matrix(greville, self.knots, p).toarray()
+        greville = np.array([self.knots[j + 1 : j + p + 1].mean() for j in range(self.size)]).clip(0.0, self.duration)
+        columns, values = self.basis(greville, 1)
+        matrix = np.zeros((self.size, self.size))
+        np.put_along_axis(matrix, columns, values[:, 0], axis=1)
         return np.linalg.solve(matrix, trajectory(greville * (trajectory.duration / self.duration)))
 
     def refined(self, times: np.ndarray) -> SplineSpace:
         """The space with further knots; it contains this one."""
         return SplineSpace(np.union1d(self.breaks, times), self.degree)
 
-    def _design(self, t: np.ndarray, span: np.ndarray, degree: int) -> csr_array:
-        """Values at ``t`` of the splines of a lower degree on the same breakpoints (Cox–de Boor recursion)."""
-        inner = self.breaks
-        knots = np.concatenate([np.full(degree, inner[0]), inner, np.full(degree, inner[-1])])
-        local = np.ones((len(t), 1))
-        base = span + degree
+    def _lower_splines(self, t: np.ndarray, span: np.ndarray, degree: int) -> np.ndarray:
+        """The degree + 1 splines of a lower degree that do not vanish at each time (Cox–de Boor recursion)."""
+        knots = self.knots[self.degree - degree : len(self.knots) - self.degree + degree]
+        base, local = span + degree, np.ones((len(t), 1))
         for k in range(1, degree + 1):
-            grown = np.zeros((len(t), k + 1))
-            for r in range(k):
-                right, left = knots[base + r + 1], knots[base + r + 1 - k]
-                share = local[:, r] / (right - left)
-                grown[:, r] += share * (right - t)
-                grown[:, r + 1] += share * (t - left)
-            local = grown
-        index = np.repeat(np.arange(len(t)), degree + 1)
-        columns = (span[:, None] + np.arange(degree + 1)).ravel()
-        return csr_array((local.ravel(), (index, columns)), shape=(len(t), len(inner) - 1 + degree))
+            right = knots[base[:, None] + np.arange(1, k + 1)]
+            left = knots[base[:, None] + np.arange(1 - k, 1)]
+            share = local / (right - left)
+            local = _difference(share * (t[:, None] - left), share * (t[:, None] - right))
+        return local
 
-    def _difference(self, order: int) -> csr_array:
-        """Coefficients of the derivative of order k from those of order k − 1."""
-        p = self.degree - order + 1
-        count = self.size - order + 1
-        knots = self.knots[order - 1 : len(self.knots) - order + 1]
-        scale = p / (knots[p + 1 : p + count] - knots[1:count])
-        return csr_array(diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count)))
+    def _slope(self, order: int) -> np.ndarray:
+        """p / (t_{j+p+1} − t_{j+1}) of the splines whose derivative has this order."""
+        p, knots = self.degree - order + 1, self.knots[order:-order]
+        return p / (knots[p:] - knots[:-p])
 
     def _end_coefficients(self, t: float, state: BoundaryState) -> np.ndarray:
         """The three outer coefficients (3, nv) that give a state; with an unknown position, what to add to it."""
@@ -168,3 +158,11 @@ class SplineSpace(MotionSpace):
         local = values[0][:, np.searchsorted(columns[0], outer)]
         position = np.zeros_like(state.velocity) if state.position is None else state.position
         return np.linalg.solve(local, np.stack([position, state.velocity, state.acceleration]))
+
+
+def _difference(shifted: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """``shifted`` moved one column to the right minus ``kept``: (N, k) → (N, k + 1)."""
+    result = np.zeros((len(kept), kept.shape[1] + 1))
+    result[:, 1:] = shifted
+    result[:, :-1] -= kept
+    return result

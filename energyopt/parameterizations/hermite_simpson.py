@@ -16,11 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
 
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.bspline import graded_breaks
-from energyopt.parameterizations.space import MotionSpace, Unknowns
+from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 
 _DEFECTS = (  # entries (point: 0 start, 1 middle, 2 end; derivative order; power of h; factor), one defect a line
@@ -49,8 +48,8 @@ class HermiteSimpson:
     intervals: int = 40
 
     def __post_init__(self):
-        if not 2 <= self.intervals <= 2000:
-            raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 2 to 2000")
+        if not 2 <= self.intervals <= 500:
+            raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 2 to 500")
 
     def space(self, duration: float) -> HermiteSimpsonSpace:
         return HermiteSimpsonSpace(graded_breaks(duration, self.intervals))
@@ -128,7 +127,7 @@ class HermiteSimpsonSpace(MotionSpace):
         states = [trajectory(times, order) * stretch**order for order in range(3)]
         return np.stack(states, axis=1).reshape(self.size, trajectory.nv)
 
-    def _rows(self, pattern: tuple) -> csr_array:
+    def _rows(self, pattern: tuple) -> Rows:
         """The rows of a pattern, for every interval."""
         h, count = np.diff(self.breaks), len(self.breaks) - 1
         first, index, columns, values = 6 * np.arange(count), [], [], []
@@ -137,5 +136,4 @@ class HermiteSimpsonSpace(MotionSpace):
                 index.append(np.arange(count) * len(pattern) + r)
                 columns.append(first + 3 * point + order)
                 values.append(factor * h**power)
-        shape = (count * len(pattern), self.size)
-        return csr_array(coo_array((np.concatenate(values), (np.concatenate(index), np.concatenate(columns))), shape=shape))
+        return Rows(count * len(pattern), np.concatenate(index), np.concatenate(columns), np.concatenate(values))

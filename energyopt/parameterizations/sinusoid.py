@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from energyopt.errors import ProblemError
-from energyopt.parameterizations.space import MotionSpace, Unknowns
+from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import SinusoidTrajectory, Trajectory
 
 _HERMITE = np.array(
@@ -83,9 +82,9 @@ class SinusoidSpace(MotionSpace):
         """Rows at a few samples a period; further ones are added where a check finds a limit broken. None for positions,
         which hardly ever leave their limits."""
         if order == 0:
-            return csr_array((0, self.size))
+            return Rows.stacked([])
         times = np.linspace(0.0, self.duration, 4 * (self.harmonics + 1) + 1)
-        return csr_array(self._functions(times, order))
+        return self.rows_at(times, order)
 
     def trajectory(self, coefficients):
         parts = self._functions

@@ -11,7 +11,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from energyopt.parameterizations.trajectory import Trajectory
 
@@ -40,6 +39,37 @@ class Unknowns:
     offset: np.ndarray
     count: int
     goal: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """A sparse matrix of ``count`` rows over the coefficients: entry (row, column) is the sum of its values."""
+
+    count: int
+    row: np.ndarray
+    column: np.ndarray
+    value: np.ndarray
+
+    @classmethod
+    def banded(cls, columns: np.ndarray, values: np.ndarray) -> Rows:
+        """From (R, L) column indices and values, a row each."""
+        count, width = columns.shape
+        return cls(count, np.repeat(np.arange(count), width), columns.ravel(), values.ravel())
+
+    @classmethod
+    def stacked(cls, parts: list[Rows]) -> Rows:
+        """The rows of several, one after another."""
+        first = np.cumsum([0, *(part.count for part in parts)])
+        row = [part.row + f for part, f in zip(parts, first, strict=False)]
+        columns, values = [part.column for part in parts], [part.value for part in parts]
+        empty = np.zeros(0, int)
+        return cls(int(first[-1]), np.concatenate([empty, *row]), np.concatenate([empty, *columns]), np.concatenate([np.zeros(0), *values]))
+
+    def __matmul__(self, coefficients: np.ndarray) -> np.ndarray:
+        """The product with coefficients (size, nv), shape (count, nv)."""
+        product = np.zeros((self.count, coefficients.shape[1]))
+        np.add.at(product, self.row, self.value[:, None] * coefficients[self.column])
+        return product
 
 
 class MotionSpace(ABC):
@@ -76,12 +106,12 @@ class MotionSpace(ABC):
         """Fix the coefficients that the boundary conditions determine."""
 
     @abstractmethod
-    def bounding_rows(self, order: int) -> csr_array:
-        """Rows (R, size): if all rows times the coefficients lie in an interval, so does the derivative of this order."""
+    def bounding_rows(self, order: int) -> Rows:
+        """If all rows times the coefficients lie in an interval, so does the derivative of this order."""
 
-    def defects(self) -> csr_array:
-        """Rows (R, size) whose product with the coefficients has to vanish."""
-        return csr_array((0, self.size))
+    def defects(self) -> Rows:
+        """Rows whose product with the coefficients has to vanish."""
+        return Rows.stacked([])
 
     @abstractmethod
     def trajectory(self, coefficients: np.ndarray) -> Trajectory:
@@ -91,9 +121,7 @@ class MotionSpace(ABC):
     def interpolate(self, trajectory: Trajectory) -> np.ndarray:
         """Coefficients (size, nv) of a motion near ``trajectory``; exact where the space contains it."""
 
-    def rows_at(self, t: np.ndarray, order: int) -> csr_array:
-        """Rows (N, size) that give the derivative of this order at the times ``t``."""
+    def rows_at(self, t: np.ndarray, order: int) -> Rows:
+        """Rows that give the derivative of this order at the times ``t`` (N,)."""
         columns, values = self.basis(np.asarray(t, float), order + 1)
-        count, local = columns.shape
-        index = np.repeat(np.arange(count), local)
-        return csr_array((values[:, order].ravel(), (index, columns.ravel())), shape=(count, self.size))
+        return Rows.banded(columns, values[:, order])

@@ -57,7 +57,7 @@ class IpoptOptions:
 
     tolerance: float = 1e-6
     iterations: int = 500
-    barrier: float = 1e-2
+    barrier: float = 1.0
     time_limit: float | None = None
 
 
@@ -120,6 +120,8 @@ def _casadi_options(program, functions: _Functions, monitor: _Monitor, options: 
         "mu_init": options.barrier,
         "mumps_pivot_order": 0,
         "mumps_scaling": 0,
+        "mumps_permuting_scaling": 0,
+        "min_refinement_steps": 0,
         "mumps_mem_percent": 50,
         "bound_relax_factor": 0.0,
         "honor_original_bounds": "yes",

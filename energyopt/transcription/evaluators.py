@@ -41,7 +41,7 @@ class NumpyEvaluator:
     def constraints(self, x: np.ndarray, out: np.ndarray) -> None:
         P = self.layout
         first = len(P.linear.lower)
-        out[:first] = P.linear.matrix @ x + P.linear.offset
+        out[:first] = P.linear.evaluate(x)
         values = P.torque.scale * self._torque[P.torque.sample, P.torque.joint]
         out[first:] = np.bincount(P.torque.row, values, minlength=len(P.torque.lower))
 
@@ -103,7 +103,7 @@ class _Program(ctypes.Structure):
             "basis", "column", "block", "offset", "weight", "torque_weight", "state_weight", "row_start", "row_column",
             "row_value", "row_offset", "entry_row", "entry_sample", "entry_joint", "entry_scale", "demand", "entry_demand",
             "entry_target", "jac_constant", "hess_column", "hess_place", "coefficient", "state", "torque", "multiplier",
-            "power", "jacobian", "curvature", "gradient")),
+            "power", "jacobian", "gradient")),
     ]  # fmt: skip
 
 
@@ -151,19 +151,19 @@ def _c_arrays(P: Layout) -> dict[str, np.ndarray]:
     nv, samples, lanes = P.nv, len(P.weight), 8
     size = 3 * nv
     integers = {
-        "column": P.column, "block": P.unknowns.block, "row_start": P.linear.matrix.indptr,
-        "row_column": P.linear.matrix.indices, "entry_row": len(P.linear.lower) + P.torque.row,
+        "column": P.column, "block": P.unknowns.block, "row_start": P.linear.start,
+        "row_column": P.linear.column, "entry_row": len(P.linear.lower) + P.torque.row,
         "entry_sample": P.torque.sample, "entry_joint": P.torque.joint, "demand": P.demand,
         "entry_demand": P.entry_demand, "entry_target": P.entry_target, "hess_column": P.hess_start[:-1],
         "hess_place": P.hess_place,
     }  # fmt: skip
     reals = {
         "basis": P.basis, "offset": P.unknowns.offset, "weight": P.weight, "torque_weight": P.torque_weight,
-        "state_weight": P.state_weight, "row_value": P.linear.matrix.data, "row_offset": P.linear.offset,
+        "state_weight": P.state_weight, "row_value": P.linear.value, "row_offset": P.linear.offset,
         "entry_scale": P.torque.scale, "jac_constant": P.jac_constant,
         "coefficient": np.zeros_like(P.unknowns.offset), "state": np.zeros((samples, size)),
         "torque": np.zeros((samples, nv)), "multiplier": np.zeros((samples, nv)), "power": np.zeros((samples, nv)),
-        "jacobian": np.zeros((max(len(P.demand), lanes), nv * size)), "curvature": np.zeros((lanes, size, size)),
+        "jacobian": np.zeros((max(len(P.demand), lanes), nv * size)),
         "gradient": np.zeros((samples, size)),
     }  # fmt: skip
     arrays = {name: np.ascontiguousarray(a, dtype=np.intc) for name, a in integers.items()}

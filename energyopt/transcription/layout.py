@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
 
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.transcription.linear import LinearRows
@@ -89,43 +88,37 @@ def make_layout(
 
 def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.ndarray, nv: int):
     """Column starts, rows and constant values of the Jacobian, and the place of each torque entry's derivatives in it."""
-    first, size = linear.matrix.shape
+    first, size = len(linear.lower), len(linear.x_lower)
     blocks = local_block[torque.sample]
     columns = np.where(blocks[..., None] >= 0, blocks[..., None] * nv + np.arange(nv), -1).reshape(len(blocks), local_block.shape[1] * nv)
     rows = np.broadcast_to((first + torque.row)[:, None], columns.shape)
     there = columns >= 0
-    fixed = linear.matrix.tocoo()
-    every_row = np.concatenate([fixed.coords[0], rows[there]])
-    every_column = np.concatenate([fixed.coords[1], columns[there]])
+    every_row = np.concatenate([linear.row, rows[there]])
+    every_column = np.concatenate([linear.column, columns[there]])
     total = first + len(torque.lower)
     key = every_column.astype(np.int64) * max(total, 1) + every_row
     places, inverse = np.unique(key, return_inverse=True)
     start = np.searchsorted(places, np.arange(size + 1, dtype=np.int64) * max(total, 1))
     constant = np.zeros(len(places))
-    constant[inverse[: fixed.nnz]] = fixed.data
+    constant[inverse[: len(linear.value)]] = linear.value
     target = np.full(columns.shape, -1)
-    target[there] = inverse[fixed.nnz :]
+    target[there] = inverse[len(linear.value) :]
     return start, places % max(total, 1), constant, target
 
 
 def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):
     """Upper triangle by block pairs: column starts (size + 1,), rows, and for blocks A ≤ B the offset of A in B's columns."""
-    together = csr_array((np.ones(local_block.size), (np.repeat(np.arange(len(local_block)), local_block.shape[1]),
-                          local_block.ravel() + 1)), shape=(len(local_block), count + 1))[:, 1:]  # fmt: skip
-    pairs = csc_array(together.T @ together)
-    pairs.sort_indices()
-    a, b = pairs.indices, np.repeat(np.arange(count), np.diff(pairs.indptr))
-    upper = a <= b
-    a, b = a[upper], b[upper]
-    first = np.searchsorted(b, np.arange(count))
-    rank = np.arange(len(b)) - first[b]
+    known = np.sort(np.unique(local_block, axis=0), axis=1)
+    pairs = np.unique(known[:, None, :] * np.int64(count) + known[:, :, None] + np.where(known < 0, -(2**60), 0)[:, :, None])
+    b, a = np.divmod(pairs[pairs >= 0], count) if count else (np.zeros(0, int),) * 2
+    b, a = b[a <= b], a[a <= b]
     place = np.full((count, count), -1)
-    place[a, b] = rank * nv
-    above = np.bincount(b, minlength=count) - 1
-    lengths = (above[:, None] * nv + np.arange(1, nv + 1)).ravel()
-    start = np.concatenate([[0], np.cumsum(lengths)])
-    rows = np.concatenate([
-        np.concatenate([(a[b == B][:, None] * nv + np.arange(nv)).ravel()[: above[B] * nv + j + 1] for j in range(nv)])
-        for B in range(count)
-    ]) if count else np.zeros(0, int)  # fmt: skip
-    return start, rows, place
+    place[a, b] = (np.arange(len(b)) - np.searchsorted(b, b)) * nv
+    i, j = np.arange(nv)[:, None], np.arange(nv)
+    rows = np.broadcast_to(a[:, None, None] * nv + i, (len(a), nv, nv))
+    columns = np.broadcast_to(b[:, None, None] * nv + j, (len(a), nv, nv))
+    upper = rows <= columns
+    rows, columns = rows[upper], columns[upper]
+    order = np.lexsort((rows, columns))
+    start = np.searchsorted(columns[order], np.arange(count * nv + 1))
+    return start, rows[order], place

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, vstack
 
-from energyopt.parameterizations.space import MotionSpace, Unknowns
+from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.problem import Problem
 from energyopt.robots.model import Limits
-
 
 KINEMATIC_BACKOFF = 1e-7
 """Rows stay inside their limit by this share, so that the solver's own tolerance does not break it."""
@@ -33,16 +31,28 @@ class LinearRows:
     """lower ≤ A x + offset ≤ upper, and bounds on x itself.
 
     Attributes:
-        matrix: (R, n) compressed by row; offset, lower, upper: (R,).
+        start, column, value: A compressed by row, (R + 1,), (E,), (E,).
+        offset, lower, upper: (R,).
         x_lower, x_upper: (n,).
     """
 
-    matrix: csr_array
+    start: np.ndarray
+    column: np.ndarray
+    value: np.ndarray
     offset: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     x_lower: np.ndarray
     x_upper: np.ndarray
+
+    @property
+    def row(self) -> np.ndarray:
+        """Row of each entry."""
+        return np.repeat(np.arange(len(self.lower)), np.diff(self.start))
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """A x + offset, (R,)."""
+        return self.offset + np.bincount(self.row, self.value * x[self.column], minlength=len(self.lower))
 
 
 def limits_of_order(limits: Limits, order: int) -> tuple[np.ndarray, np.ndarray]:
@@ -55,69 +65,69 @@ def limits_of_order(limits: Limits, order: int) -> tuple[np.ndarray, np.ndarray]
 
 def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, samples: tuple[SampleRow, ...] = ()) -> LinearRows:
     """All linear constraints of a problem in one motion space."""
-    nv = problem.robot.nv
-    groups = []
+    nv, groups = problem.robot.nv, []
     for order in range(4):
         low, high = limits_of_order(problem.limits, order)
         low, high = _backed_off(low, 1.0), _backed_off(high, -1.0)
         if np.any(np.isfinite(low) | np.isfinite(high)):
             extra = [space.rows_at(row.times, order) for row in samples if row.order == order]
-            rows = vstack([space.bounding_rows(order), *extra], format="csr")
-            groups.append((rows, np.tile(low, (rows.shape[0], 1)), np.tile(high, (rows.shape[0], 1))))
+            rows = Rows.stacked([space.bounding_rows(order), *extra])
+            groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1))))
     defects = space.defects()
-    if defects.shape[0]:
-        groups.append((defects, *(np.zeros((defects.shape[0], nv)),) * 2))
+    groups.append((defects, *(np.zeros((defects.count, nv)),) * 2))
     timed = [w for w in problem.waypoints if w.time is not None]
     if timed:
         positions = np.array([w.position for w in timed])
         groups.append((space.rows_at(np.array([w.time for w in timed]), 0), positions, positions))
-    return _in_unknowns(groups, unknowns, nv)
+    rows = Rows.stacked([g[0] for g in groups])
+    return _in_unknowns(rows, unknowns, *(np.concatenate([g[k] for g in groups]) for k in (1, 2)))
 
 
 def _backed_off(bound: np.ndarray, sign: float) -> np.ndarray:
-    return np.where(np.isfinite(bound), bound + sign * KINEMATIC_BACKOFF * np.abs(np.where(np.isfinite(bound), bound, 0.0)), bound)
+    finite = np.where(np.isfinite(bound), bound, 0.0)
+    return bound + sign * KINEMATIC_BACKOFF * np.abs(finite)
 
 
-def _in_unknowns(groups: list, unknowns: Unknowns, nv: int) -> LinearRows:
-    """Rows in coefficients (shared by the joints) → rows and bounds in x."""
-    rows = vstack([g[0] for g in groups], format="csr")
-    low, high = np.concatenate([g[1] for g in groups]), np.concatenate([g[2] for g in groups])
+def _in_unknowns(rows: Rows, unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> LinearRows:
+    """Rows in coefficients (shared by the joints) → rows and bounds in x; ``low`` and ``high`` are (R, nv)."""
+    count = max(unknowns.count, 1)
     constant = rows @ unknowns.offset
-    known = unknowns.block >= 0
-    selection = csr_array(
-        (np.ones(known.sum()), (np.flatnonzero(known), unknowns.block[known])), shape=(len(known), unknowns.count)
-    )
-    blocks = csr_array(rows @ selection)
-    blocks.data[np.abs(blocks.data) < 1e-12 * max(1.0, np.abs(blocks.data).max(initial=0.0))] = 0.0
-    blocks.eliminate_zeros()
-    touched = np.diff(blocks.indptr)
-    x_lower, x_upper = _simple_bounds(blocks, touched == 1, low - constant, high - constant, unknowns.count, nv)
-    return _general_rows(blocks, touched > 1, low, high, constant, x_lower, x_upper)
+    block = unknowns.block[rows.column]
+    known = block >= 0
+    key, place = np.unique(rows.row[known] * count + block[known], return_inverse=True)
+    value = np.bincount(place, rows.value[known], minlength=len(key))
+    kept = np.abs(value) > 1e-12 * np.abs(value).max(initial=0.0)
+    row, block, value = key[kept] // count, key[kept] % count, value[kept]
+    touched = np.bincount(row, minlength=rows.count)
+    single = touched[row] == 1
+    bounds = _simple_bounds(row[single], block[single], value[single], low - constant, high - constant, unknowns.count)
+    several = ~single
+    return _general_rows(row[several], block[several], value[several], (low, high, constant), bounds)
 
 
-def _simple_bounds(blocks: csr_array, single: np.ndarray, low, high, count: int, nv: int):
+def _simple_bounds(row, block, value, low, high, count: int) -> tuple[np.ndarray, np.ndarray]:
+    nv = low.shape[1]
     x_lower, x_upper = np.full((count, nv), -np.inf), np.full((count, nv), np.inf)
-    at = np.flatnonzero(single)
-    block, factor = blocks.indices[blocks.indptr[at]], blocks.data[blocks.indptr[at]][:, None]
-    one, other = low[at] / factor, high[at] / factor
+    one, other = low[row] / value[:, None], high[row] / value[:, None]
     np.maximum.at(x_lower, block, np.minimum(one, other))
     np.minimum.at(x_upper, block, np.maximum(one, other))
     return x_lower.ravel(), x_upper.ravel()
 
 
-def _general_rows(blocks, several, low, high, constant, x_lower, x_upper) -> LinearRows:
-    nv = low.shape[1]
-    at = np.flatnonzero(several)
-    kept = blocks[at]
-    scale = 1.0 / np.maximum.reduceat(np.abs(kept.data), kept.indptr[:-1]) if len(at) else np.zeros(0)
-    bounded = np.isfinite(low[at]) | np.isfinite(high[at])
-    number = np.cumsum(bounded.ravel()).reshape(bounded.shape) - 1
-    coo = kept.tocoo()
-    row, column, value = (np.repeat(a, nv).reshape(-1, nv) for a in (coo.coords[0], coo.coords[1], coo.data * scale[coo.coords[0]]))
-    joint = np.broadcast_to(np.arange(nv), row.shape)
-    used = bounded[row, joint]
-    matrix = coo_array(
-        (value[used], (number[row, joint][used], (column * nv + joint)[used])), shape=(int(bounded.sum()), x_lower.size)
-    )
-    pick = lambda a: (a[at] * scale[:, None])[bounded]  # noqa: E731
-    return LinearRows(csr_array(matrix), pick(constant), pick(low), pick(high), x_lower, x_upper)
+def _general_rows(row, block, value, sides, bounds) -> LinearRows:
+    """One row a joint with a finite limit, scaled so that its largest coefficient is one."""
+    low, high, constant = sides
+    count, nv = low.shape
+    largest = np.zeros(count)
+    np.maximum.at(largest, row, np.abs(value))
+    bounded = (largest > 0)[:, None] & (np.isfinite(low) | np.isfinite(high))
+    number = np.cumsum(bounded.ravel()).reshape(count, nv) - 1
+    used = bounded[row].ravel()
+    new_row = number[row].ravel()[used]
+    new_column = (block[:, None] * nv + np.arange(nv)).ravel()[used]
+    new_value = np.repeat(value / largest[row], nv)[used]
+    order = np.argsort(new_row, kind="stable")
+    scale = (1.0 / np.where(largest > 0, largest, 1.0))[:, None]
+    start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
+    pick = lambda side: (side * scale)[bounded]  # noqa: E731
+    return LinearRows(start, new_column[order], new_value[order], pick(constant), pick(low), pick(high), *bounds)
