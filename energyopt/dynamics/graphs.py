@@ -46,7 +46,7 @@ def sample_graphs(dynamics: Dynamics) -> SampleGraphs:
     gradient = ca.gradient(ca.dot(fixed, tau), z)
     curvature = ca.tril(ca.hessian(ca.dot(fixed, tau), z)[0])
     jacobian = ca.jacobian(tau, z)
-    rows, columns = (np.array(index) for index in curvature.sparsity().get_triplet())
+    rows, columns = (np.array(index, dtype=int) for index in curvature.sparsity().get_triplet())
     adjoint, curvature = ca.substitute([gradient, ca.vertcat(*curvature.nonzeros())], [fixed], [p * tau + mu])
     dense = ca.densify
     return SampleGraphs(
