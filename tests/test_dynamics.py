@@ -35,6 +35,12 @@ def symbolic_torque(robot, states, source):
     return np.array(function(*(x.T for x in states))).T
 
 
+def rigid_torque(robot, states):
+    """Pinocchio's own inverse dynamics (N, nv), state by state."""
+    data = robot.model.createData()
+    return np.array([pin.rnea(robot.model, data, *state) for state in zip(*states, strict=True)])
+
+
 def worst_of_states(tau, expected):
     """Largest error relative to the largest torque of the same state."""
     return np.max(np.abs(tau - expected).max(axis=1) / np.abs(expected).max(axis=1))
@@ -55,13 +61,15 @@ def branched_tree():
 def with_fixed_links():
     """A chain with a rigidly mounted, heavy, tilted link between its joints."""
     link, joint = factory.link, factory.joint
-    parts = [
-        '<robot name="mounted">', '<link name="base"/>', link("a", 2.0, (0.1, 0, 0.2), arms.tilted(0.02, 0.03, 0.04)),
-        link("bracket", 1.5, (0.0, 0.3, 0.1), arms.tilted(0.01, 0.02, 0.02)), link("b", 1.0, (0.2, 0.1, 0), arms.tilted(0.01, 0.01, 0.015)),
-        joint("one", "revolute", "base", "a", (0, 0, 0.4), (0, 1, 0)), joint("mount", "fixed", "a", "bracket", (0.3, 0.1, 0), rpy=(0.5, 1.0, -0.4)),
+    return "\n".join([
+        '<robot name="mounted">', '<link name="base"/>',
+        link("a", 2.0, (0.1, 0, 0.2), arms.tilted(0.02, 0.03, 0.04)),
+        link("bracket", 1.5, (0.0, 0.3, 0.1), arms.tilted(0.01, 0.02, 0.02)),
+        link("b", 1.0, (0.2, 0.1, 0), arms.tilted(0.01, 0.01, 0.015)),
+        joint("one", "revolute", "base", "a", (0, 0, 0.4), (0, 1, 0)),
+        joint("mount", "fixed", "a", "bracket", (0.3, 0.1, 0), rpy=(0.5, 1.0, -0.4)),
         joint("two", "revolute", "bracket", "b", (0.1, 0.2, 0.3), arms.UNALIGNED), "</robot>",
-    ]  # fmt: skip
-    return "\n".join(parts)
+    ])  # fmt: skip
 
 
 FACTORY = {
@@ -82,8 +90,7 @@ def test_the_backend_in_use_is_named():
 def test_torques_equal_pinocchio_at_ten_thousand_random_states(name, source):
     robot = arms.catalogue_robot(name)
     states = arms.random_states(robot, STATES)
-    data = robot.model.createData()
-    expected = np.array([pin.rnea(robot.model, data, *state) for state in zip(*states, strict=True)]) + robot.dynamics.friction(states[1])
+    expected = rigid_torque(robot, states) + robot.dynamics.friction(states[1])
     assert worst_of_states(symbolic_torque(robot, states, source), expected) < SAME_FORMULA
 
 
@@ -92,8 +99,7 @@ def test_torques_equal_pinocchio_at_ten_thousand_random_states(name, source):
 def test_torques_of_every_kind_of_joint_equal_pinocchio(kind, source):
     robot = FACTORY[kind]()
     states = arms.random_states(robot, 1000, seed=1)
-    data = robot.model.createData()
-    expected = np.array([pin.rnea(robot.model, data, *state) for state in zip(*states, strict=True)])
+    expected = rigid_torque(robot, states)
     assert worst_of_states(symbolic_torque(robot, states, source), expected) < SAME_FORMULA
 
 
@@ -147,10 +153,8 @@ def payload_torque(robot, payload, q, v, a):
     model = robot.model.copy()
     model.armature = np.zeros(robot.nv)
     frame = robot.frame_id(payload.frame)
-    at_center = pin.Frame(
-        "center", model.frames[frame].parentJoint, frame, model.frames[frame].placement * pin.SE3(np.eye(3), payload.center), pin.OP_FRAME
-    )
-    center = model.addFrame(at_center)
+    placement = model.frames[frame].placement * pin.SE3(np.eye(3), payload.center)
+    center = model.addFrame(pin.Frame("center", model.frames[frame].parentJoint, frame, placement, pin.OP_FRAME))
     data, added = model.createData(), []
     for qi, vi, ai in zip(q, v, a, strict=True):
         pin.forwardKinematics(model, data, qi, vi, ai)
@@ -179,8 +183,7 @@ def test_payload_armature_and_friction_add_what_their_own_equations_say(name, so
     bare = load()
     loaded = load(payload=payload, armature=armature, viscous_friction=viscous, coulomb_friction=coulomb, coulomb_velocity=v_s)
     q, v, a = arms.random_states(bare, 200, seed=3)
-    data = bare.model.createData()
-    expected = np.array([pin.rnea(bare.model, data, *state) for state in zip(q, v, a, strict=True)])
+    expected = rigid_torque(bare, (q, v, a))
     expected += payload_torque(bare, payload, q, v, a) + armature * a + viscous * v + coulomb * np.tanh(v / v_s)
     assert worst_of_states(symbolic_torque(loaded, (q, v, a), source), expected) < SAME_FORMULA
     assert worst_of_states(loaded.torque(q, v, a), expected) < SAME_FORMULA
