@@ -21,7 +21,7 @@ from energyopt.plans import Plan, Status
 from energyopt.problem import FramePose, Problem
 from energyopt.search import Progress, Search, SearchOptions
 from energyopt.seeds import goals, guesses
-from energyopt.solvers import Outcome
+from energyopt.solvers import Interrupts, Outcome
 from energyopt.verification import cost, describe, is_valid, verify
 
 Parameterization = BSpline | Sinusoid | HermiteSimpson
@@ -84,9 +84,10 @@ def plan(
     kernels = kernels_of(problem.robot.dynamics)
     loaded = time.perf_counter() - started
     deadline = None if time_limit is None else time.monotonic() + time_limit
-    options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose))
-    campaign = _Campaign(problem, parameterization, kernels, options, seed)
-    search = campaign.run(starts)
+    with Interrupts() as interrupted:
+        options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
+        campaign = _Campaign(problem, parameterization, kernels, options, seed)
+        search = campaign.run(starts)
     if callable(options.progress) and verbose is True:
         sys.stderr.write("\n")
     settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), "starts": starts, "seed": seed,
@@ -147,6 +148,8 @@ class _Campaign:
             kept = replace(search)
             if not search.refine(spline) or not search.advance():
                 kept.iterations, kept.solve_s = search.iterations, search.solve_s
+                if search.outcome is Outcome.INTERRUPTED:
+                    kept.outcome = Outcome.INTERRUPTED
                 kept.reason = f"refinement stopped at an estimated error of {_percent(kept.error)}: {search.reason}"
                 return kept
         return search

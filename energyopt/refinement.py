@@ -25,6 +25,8 @@ SHARE = 0.9
 """Spans are bisected, worst first, until they hold this share of the estimated gain."""
 END_SPLIT = 0.25
 """The two end spans, whose ramps from and to zero acceleration the estimate does not see, are always split at this share."""
+LEAST_SPAN = 2e-4
+"""No span becomes shorter than this share of the duration: accelerations are differences of coefficients over its square."""
 MOST_SPANS = 400
 """Refinement ends here, whatever the accuracy asked."""
 
@@ -68,7 +70,9 @@ def refine(space: SplineSpace, gains: np.ndarray) -> SplineSpace:
     split = np.full(len(gains), np.nan)
     split[order[:needed]] = 0.5
     split[0], split[-1] = END_SPLIT, 1.0 - END_SPLIT
-    return space.refined((breaks[:-1] + split * np.diff(breaks))[np.isfinite(split)])
+    width = np.diff(breaks)
+    split[np.minimum(split, 1.0 - split) * width < LEAST_SPAN * space.duration] = np.nan
+    return space.refined((breaks[:-1] + split * width)[np.isfinite(split)])
 
 
 def _room(program: NonlinearProgram, x: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -33,12 +33,13 @@ Progress = Callable[[str, int, float, float], None]
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What a search may spend. ``deadline`` is a time of `time.monotonic`, or None."""
+    """What a search may spend. ``deadline`` is a time of `time.monotonic`; ``stop`` tells whether the user wants an end."""
 
     iterations: int = 500
     tolerance: float = 1e-6
     deadline: float | None = None
     progress: Progress | None = None
+    stop: Callable[[], bool] | None = None
 
     def remaining(self) -> float | None:
         return None if self.deadline is None else self.deadline - time.monotonic()
@@ -107,7 +108,7 @@ class Search:
         barrier = WARM_BARRIER if self.levels else IpoptOptions.barrier
         for self.rounds in range(1, ROUNDS + 1):
             program = self._transcribe()
-            result = solve(program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter())
+            result = solve(program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter(), self.options.stop)
             self.iterations += result.iterations
             self.outcome, self.reason = result.outcome, result.reason
             for name, count in result.evaluations.items():

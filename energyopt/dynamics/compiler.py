@@ -2,7 +2,8 @@
 
 The cache key is a hash of everything that decides the machine code: the numbers of the arm, the source text of the
 generator, the CasADi release, the compiler and its flags, and the CPU. Libraries are written to a temporary name and
-renamed, so that processes running at the same time see either nothing or a whole file. The folder is open to its owner
+renamed, so that processes running at the same time see either nothing or a whole file. The name ends in a checksum of the
+content: a file that a full disk or a crash cut short would end the process that loads it. The folder is open to its owner
 alone, and a library that somebody else could have written is never loaded.
 """
 
@@ -17,6 +18,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib.util import find_spec
@@ -78,9 +80,19 @@ def library_key(*parts: str) -> str:
 
 
 def cached_library(key: str) -> Path | None:
-    """The compiled library of this key, if it is there and nobody else could have put it there."""
-    path = cache_folder() / f"kernels-{key}.so"
-    return path if path.is_file() and _owned(path) else None
+    """The compiled library of this key, if it is there and whole and nobody else could have put it there."""
+    for path in cache_folder().glob(f"kernels-{key}-*.so"):
+        try:
+            if _owned(path) and path.name == _library_name(key, path):
+                return path
+        except OSError:  # another process has just removed it
+            continue
+    return None
+
+
+def _library_name(key: str, path: Path) -> str:
+    """The file name that belongs to the content of ``path``."""
+    return f"kernels-{key}-{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.so"
 
 
 def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> Path | None:
@@ -96,18 +108,21 @@ def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> 
     compiler = find_compiler()
     if compiler is None:
         return None
-    target = cache_folder() / f"kernels-{key}.so"
-    with _lock(target.with_suffix(".lock")):
+    folder = cache_folder()
+    with _lock(folder / f"kernels-{key}.lock"):
         if (ready := cached_library(key)) is not None:
             return ready
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix="compile-") as work:
-            try:
+        for damaged in folder.glob(f"kernels-{key}-*.so"):
+            discard(damaged)
+        try:
+            with tempfile.TemporaryDirectory(dir=folder, prefix="compile-") as work:
                 made = _build(compiler, Path(work), units)
-            except (OSError, subprocess.SubprocessError) as error:
-                log.warning("energyopt: the C compiler failed, kernels run interpreted (slower): %s", _reason(error))
-                return None
-            os.chmod(made, 0o700)
-            os.replace(made, target)
+                os.chmod(made, 0o700)
+                target = folder / _library_name(key, made)
+                os.replace(made, target)
+        except (OSError, subprocess.SubprocessError) as error:
+            log.warning("energyopt: the C compiler failed, kernels run interpreted (slower): %s", _reason(error))
+            return None
     return target
 
 
@@ -117,12 +132,14 @@ def discard(path: Path) -> None:
 
 
 def _build(compiler: tuple[str, ...], work: Path, units: dict[str, tuple[str, tuple[str, ...]]]) -> Path:
-    objects = []
-    for name, (text, flags) in units.items():
-        source = work / f"{name}.c"
-        source.write_text(text)
-        objects.append(f"{name}.o")
-        _run([*compiler, *flags, "-fPIC", "-c", source.name, "-o", objects[-1]], work)
+    def compile_unit(name: str) -> str:
+        text, flags = units[name]
+        (work / f"{name}.c").write_text(text)
+        _run([*compiler, *flags, "-fPIC", "-c", f"{name}.c", "-o", f"{name}.o"], work)
+        return f"{name}.o"
+
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        objects = list(pool.map(compile_unit, units))
     _run([*compiler, "-shared", *objects, "-o", "library.so", "-lm"], work)
     return work / "library.so"
 
@@ -132,7 +149,8 @@ def _run(command: list[str], folder: Path) -> None:
 
 
 def _reason(error: Exception) -> str:
-    text = (getattr(error, "stderr", None) or str(error)).strip().splitlines()
+    said = getattr(error, "stderr", None)  # bytes after a timeout
+    text = (said if isinstance(said, str) and said else str(error)).strip().splitlines()
     return next((line for line in text if "error" in line), text[0] if text else type(error).__name__)
 
 

@@ -176,7 +176,8 @@ def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
 
 
 def _without_compiler(dynamics: Dynamics) -> Kernels:
-    log.warning("energyopt: no C compiler: kernels run interpreted (same numbers, slower); install gcc, clang or `pip install ziglang`")
+    if compiler.find_compiler() is None:  # where there is one, what went wrong has been said
+        log.warning("energyopt: no C compiler: kernels run interpreted (same numbers, slower); install gcc, clang or `pip install ziglang`")
     return kernels_of(dynamics, compiled=False)
 
 
@@ -189,12 +190,15 @@ def _compiled(dynamics: Dynamics, key: str) -> CompiledKernels | None:
             continue
         try:
             kernels = CompiledKernels(dynamics.nv, path)
-        except OSError:
-            compiler.discard(path)
-            continue
-        if _agrees(kernels, dynamics):
-            kernels.compile_s = time.perf_counter() - started if fresh else 0.0
-            return kernels
+        except OSError as error:
+            fault = f"does not load: {error}"
+        else:
+            if _agrees(kernels, dynamics):
+                kernels.compile_s = time.perf_counter() - started if fresh else 0.0
+                return kernels
+            fault = "gives wrong torques"
+        if fresh:
+            log.warning("energyopt: the compiled library %s; kernels run interpreted (same numbers, slower)", fault)
         compiler.discard(path)
     return None
 
@@ -213,20 +217,17 @@ def c_units(dynamics: Dynamics) -> dict[str, tuple[str, tuple[str, ...]]]:
     graphs = sample_graphs(dynamics)
     lanes = 8 if compiler.has_wide_vectors() else 4
     preamble = _PREAMBLE.format(nv=dynamics.nv, lanes=lanes, lower=len(graphs.lower))
-    names = ("torque", "adjoint", "jacobian", "hessian")
-    bodies, declarations = [], []
-    for name, graph in zip(names, graphs.all, strict=True):
-        bodies.append(c_function(graph, f"kernel_{name}"))
-        declarations.append(c_declaration(graph, f"kernel_{name}") + ";")
+    names = [f"kernel_{graph.name()}" for graph in graphs.all]
+    declarations = [c_declaration(graph, name) + ";" for graph, name in zip(graphs.all, names, strict=True)]
+    kernels = {
+        name: (preamble + _LANES + c_function(graph, name), _KERNEL_FLAGS) for graph, name in zip(graphs.all, names, strict=True)
+    }
     index = [
         f"static const int lower_{what}[] = {{{', '.join(map(str, graphs.lower[:, k]))}}};"
         for k, what in enumerate(("row", "column"))
     ]
     program = (files("energyopt.dynamics") / "samples.c").read_text()
-    return {
-        "kernels": (preamble + _LANES + "\n".join(bodies), _KERNEL_FLAGS),
-        "samples": ("\n".join([preamble, *declarations, *index, program]), _SAMPLE_FLAGS),
-    }
+    return kernels | {"samples": ("\n".join([preamble, *declarations, *index, program]), _SAMPLE_FLAGS)}
 
 
 @lru_cache(maxsize=1)

@@ -6,8 +6,6 @@ nonlinear programming", Mathematical Programming 106 (2006).
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -85,15 +83,18 @@ Progress = Callable[[int, float, float], None]
 """Called with (iteration, objective, worst violation of bounds and rows)."""
 
 
-def solve(program, x0: np.ndarray, options: IpoptOptions = IpoptOptions(), progress: Progress | None = None) -> SolverResult:
-    """Minimise a program from ``x0``. Ctrl-C stops the solver after its current iteration and keeps the iterate."""
+def solve(
+    program,
+    x0: np.ndarray,
+    options: IpoptOptions = IpoptOptions(),
+    progress: Progress | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> SolverResult:
+    """Minimise a program from ``x0``; ``stop`` is asked after every iteration and ends the solve with the iterate kept."""
     functions = _Functions(program)
-    monitor = _Monitor(program, progress, options.time_limit)
+    monitor = _Monitor(program, progress, options.time_limit, stop)
     solver = ca.nlpsol("energyopt", "ipopt", functions.problem, _casadi_options(program, functions, monitor, options))
-    with _interrupts(monitor):
-        result = solver(
-            x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper
-        )
+    result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
     stats = solver.stats()
     reason = stats["return_status"]
     outcome = _OUTCOMES.get(reason, Outcome.FAILED)
@@ -239,9 +240,9 @@ class _Functions:
 class _Monitor(ca.Callback):
     """IPOPT's view from outside, once an iteration: reports progress and stops it on request."""
 
-    def __init__(self, program, progress: Progress | None, time_limit: float | None):
+    def __init__(self, program, progress: Progress | None, time_limit: float | None, stop: Callable[[], bool] | None):
         ca.Callback.__init__(self)
-        self._program, self._progress = program, progress
+        self._program, self._progress, self._stop = program, progress, stop
         self._deadline = None if time_limit is None else time.monotonic() + time_limit
         self._count = 0
         self.interrupted = self.out_of_time = False
@@ -274,6 +275,8 @@ class _Monitor(ca.Callback):
         self._count += 1
         if self._deadline is not None and time.monotonic() > self._deadline:
             self.out_of_time = True
+        if self._stop is not None and self._stop():
+            self.interrupted = True
         if results[0] is not None:
             np.frombuffer(results[0])[0] = float(self.interrupted or self.out_of_time)
         return 0
@@ -286,25 +289,6 @@ class _Monitor(ca.Callback):
             g = np.frombuffer(arguments[2])
             worst = max(worst, np.max(program.row_lower - g, initial=0.0), np.max(g - program.row_upper, initial=0.0))
         self._progress(self._count, f, float(worst))
-
-
-class _interrupts:  # noqa: N801 (reads as a statement)
-    """While a solve runs, SIGINT sets a flag that the monitor reads: CasADi would swallow the exception."""
-
-    def __init__(self, monitor: _Monitor):
-        self._monitor = monitor
-
-    def __enter__(self):
-        self._previous = None
-        if threading.current_thread() is threading.main_thread():
-            self._previous = signal.signal(signal.SIGINT, self._stop)
-
-    def _stop(self, *_):
-        self._monitor.interrupted = True
-
-    def __exit__(self, *_):
-        if self._previous is not None:
-            signal.signal(signal.SIGINT, self._previous)
 
 
 def _sparsity(rows: int, columns: int, pattern: tuple[np.ndarray, np.ndarray]) -> ca.Sparsity:
