@@ -45,7 +45,9 @@ def kinematic_minimum(problem: Problem, start: np.ndarray, goal: np.ndarray) -> 
         return least
     with np.errstate(invalid="ignore", divide="ignore"):
         reaches = d >= limits.velocity**2 / limits.acceleration
-        ramps = np.where(reaches, d / limits.velocity + limits.velocity / limits.acceleration, 2 * np.sqrt(d / limits.acceleration))
+        ramps = np.where(
+            reaches, d / limits.velocity + limits.velocity / limits.acceleration, 2 * np.sqrt(d / limits.acceleration)
+        )
         ramps = np.where(np.isfinite(limits.acceleration), ramps, 0.0)
     return np.maximum.reduce([least, ramps, np.cbrt(32 * d / limits.jerk)])
 
@@ -70,7 +72,8 @@ def _check_states(problem: Problem, goal: np.ndarray | None) -> None:
             i = int(np.argmax(np.abs(value) - bound))
             if abs(value[i]) > bound[i] + SLACK:
                 raise ProblemError(
-                    f"{end}_{kind}: {_joint(problem, i)} has {value[i]:.6g}, beyond its limit {bound[i]:.6g}; lower it or raise {kind}_limits"
+                    f"{end}_{kind}: {_joint(problem, i)} has {value[i]:.6g}, beyond its limit {bound[i]:.6g}; "
+                    f"lower it or raise {kind}_limits"
                 )
 
 
@@ -101,8 +104,8 @@ def _check_duration(problem: Problem, goal: np.ndarray | None) -> None:
         i = int(np.argmax(least))
         if least[i] > (t1 - t0) * (1 + 1e-9):
             raise ProblemError(
-                f"duration: {_joint(problem, i)} needs at least {least[i]:.4g} s from {name0} to {name1} under its limits, {t1 - t0:.4g} s are "
-                f"given; allow more time, a shorter way, or higher limits"
+                f"duration: {_joint(problem, i)} needs at least {least[i]:.4g} s from {name0} to {name1} under its limits, "
+                f"{t1 - t0:.4g} s are given; allow more time, a shorter way, or higher limits"
             )
 
 

@@ -1,7 +1,7 @@
 """Configurations that bring a frame where it should be: damped least squares from many starts.
 
-    Δq = Jᵀ (J Jᵀ + ε I)⁻¹ e,   e the pose error in the frame (S. R. Buss, "Introduction to inverse kinematics with Jacobian
-    transpose, pseudoinverse and damped least squares methods", 2004), clipped to the position limits after each step.
+Δq = Jᵀ (J Jᵀ + ε I)⁻¹ e,   e the pose error in the frame (S. R. Buss, "Introduction to inverse kinematics with Jacobian
+transpose, pseudoinverse and damped least squares methods", 2004), clipped to the position limits after each step.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def goal_configurations(problem: Problem, seed: int = 0, count: int = 4, tries: 
             f"goal: no configuration inside the position limits brings frame '{problem.goal.frame}' to the goal; the nearest of "
             f"{tries} searches is off by {best:.3g} (m + rad); move the goal, free its orientation, or widen position_limits"
         )
-    time = lambda q: np.max(np.abs(q - problem.start) / problem.limits.velocity)  # noqa: E731
+    time = lambda q: np.max(np.abs(q - problem.start) / problem.limits.velocity)
     return sorted(found, key=time)[:count]
 
 

@@ -1,6 +1,6 @@
 """plan(): from a problem to a verified motion.
 
-    check what no motion can meet → guesses → local searches → refine the best → verify independently → Plan
+check what no motion can meet → guesses → local searches → refine the best → verify independently → Plan
 """
 
 from __future__ import annotations
@@ -204,7 +204,9 @@ def _progress(verbose: bool | Progress) -> Progress | None:
 def _print_progress(phase: str, iteration: int, objective: float, violation: float) -> None:
     end = "" if sys.stderr.isatty() else "\n"
     lead = "\r" if sys.stderr.isatty() else ""
-    sys.stderr.write(f"{lead}  level {phase}  iteration {iteration:4d}  objective {objective:12.5g}  violation {violation:8.1e}{end}")
+    sys.stderr.write(
+        f"{lead}  level {phase}  iteration {iteration:4d}  objective {objective:12.5g}  violation {violation:8.1e}{end}"
+    )
     sys.stderr.flush()
 
 

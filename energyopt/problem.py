@@ -1,8 +1,8 @@
 """Problem: what is asked of the planner, validated when made, and immutable.
 
-    minimise ∫₀ᵀ ( Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² ) dt   over all motions q(t), 0 ≤ t ≤ T, with
-    q(0), q̇(0), q̈(0) given;  q(T) given or the tool in a given pose;  q̇(T), q̈(T) given;  waypoints passed;
-    position, velocity, acceleration, jerk, torque and torque rate inside their limits.
+minimise ∫₀ᵀ ( Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² ) dt   over all motions q(t), 0 ≤ t ≤ T, with
+q(0), q̇(0), q̈(0) given;  q(T) given or the tool in a given pose;  q̇(T), q̈(T) given;  waypoints passed;
+position, velocity, acceleration, jerk, torque and torque rate inside their limits.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Problem:
         if not isinstance(self.robot, RobotModel):
             raise ProblemError(f"robot: expected a robot from energyopt.load_robot, got {type(self.robot).__name__}")
         nv = self.robot.nv
-        put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731 (the dataclass is frozen)
+        put = lambda key, value: object.__setattr__(self, key, value)
         put("start", _vector("start", self.start, nv, scalar=False))
         if isinstance(self.goal, FramePose):
             self.robot.frame_id(self.goal.frame)
@@ -163,7 +163,9 @@ def _positive(key: str, value: ArrayLike, size: int) -> np.ndarray:
     array = _vector(key, value, size)
     bad = np.flatnonzero(array <= 0)
     if bad.size:
-        raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number > 0 (leave the key out for no limit of its own)")
+        raise ProblemError(
+            f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number > 0 (leave the key out for no limit of its own)"
+        )
     return array
 
 
@@ -224,7 +226,9 @@ def _waypoints(values: Sequence, nv: int, duration: float) -> tuple[Waypoint, ..
         if time is not None:
             time = float(time)
             if not latest < time < duration:
-                raise ProblemError(f"{key}: time {time:g} s is not between {latest:g} s (what comes before) and the duration {duration:g} s")
+                raise ProblemError(
+                    f"{key}: time {time:g} s is not between {latest:g} s (what comes before) and the duration {duration:g} s"
+                )
             latest = time
         made.append(Waypoint(position, time))
     return tuple(made)

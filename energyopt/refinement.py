@@ -13,7 +13,6 @@ spans; how far J still is from the continuous optimum is estimated from what the
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.transcription import NonlinearProgram

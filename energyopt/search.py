@@ -108,7 +108,9 @@ class Search:
         barrier = WARM_BARRIER if self.levels else IpoptOptions.barrier
         for self.rounds in range(1, ROUNDS + 1):
             program = self._transcribe()
-            result = solve(program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter(), self.options.stop)
+            result = solve(
+                program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter(), self.options.stop
+            )
             self.iterations += result.iterations
             self.outcome, self.reason = result.outcome, result.reason
             for name, count in result.evaluations.items():
@@ -116,7 +118,9 @@ class Search:
             if result.outcome is Outcome.FAILED:
                 return
             self.trajectory, self.objective = program.trajectory(result.x), result.objective
-            if not self.converged or not self.cuts.add_violated(self.problem, self.trajectory, self.kernels, self.space.everywhere):
+            if not self.converged or not self.cuts.add_violated(
+                self.problem, self.trajectory, self.kernels, self.space.everywhere
+            ):
                 return
             barrier = WARM_BARRIER
 

@@ -56,8 +56,7 @@ def c_function(function: ca.Function, name: str) -> str:
     lines = [_assignment(function, k) for k in range(function.n_instructions())]
     pieces = [lines[k : k + PIECE] for k in range(0, len(lines), PIECE)]
     text = [
-        f"static void {name}_{k}({arguments}, V *restrict w) {{\n{body}\n}}\n"
-        for k, body in enumerate(_piece_bodies(pieces))
+        f"static void {name}_{k}({arguments}, V *restrict w) {{\n{body}\n}}\n" for k, body in enumerate(_piece_bodies(pieces))
     ]
     calls = "\n".join(f"  {name}_{k}({', '.join(names)}, w);" for k in range(len(pieces)))
     return "".join([*text, f"{c_declaration(function, name)} {{\n  V w[{max(1, function.sz_w())}];\n{calls}\n}}\n"])

@@ -145,7 +145,9 @@ def _build(compiler: tuple[str, ...], work: Path, units: dict[str, tuple[str, tu
 
 
 def _run(command: list[str], folder: Path) -> None:
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=COMPILE_TIMEOUT, stdin=subprocess.DEVNULL)
+    subprocess.run(
+        command, cwd=folder, check=True, capture_output=True, text=True, timeout=COMPILE_TIMEOUT, stdin=subprocess.DEVNULL
+    )
 
 
 def _reason(error: Exception) -> str:
@@ -186,7 +188,9 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
-    return platform.machine() + "".join(next((line for line in lines if line.startswith(key)), "") for key in ("model name", "flags", "Features"))
+    return platform.machine() + "".join(
+        next((line for line in lines if line.startswith(key)), "") for key in ("model name", "flags", "Features")
+    )
 
 
 def has_wide_vectors() -> bool:
@@ -196,7 +200,7 @@ def has_wide_vectors() -> bool:
 
 @contextmanager
 def _lock(path: Path):
-    """One compilation of a library at a time; where files cannot be locked, several may compile the same and rename it in turn."""
+    """One compilation of a library at a time; where files cannot be locked, several compile it and rename theirs in turn."""
     try:
         import fcntl
 

@@ -10,7 +10,7 @@ import ctypes
 import hashlib
 import logging
 import time
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,7 +109,10 @@ class InterpretedKernels(Kernels):
         count = len(arguments[0])
         mapped = self._mapped(function, count)
         results = mapped.call([np.ascontiguousarray(a, dtype=float).T for a in arguments])
-        return [np.array(r).T.reshape(count, -1) if r.size1() > 1 else np.array(r).reshape(count, -1) for r in map(_flat(count), results)]
+        return [
+            np.array(r).T.reshape(count, -1) if r.size1() > 1 else np.array(r).reshape(count, -1)
+            for r in map(_flat(count), results)
+        ]
 
     @lru_cache(maxsize=32)  # noqa: B019 (kernels live as long as the process: see kernels_of)
     def _mapped(self, function, count: int):
@@ -177,7 +180,9 @@ def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
 
 def _without_compiler(dynamics: Dynamics) -> Kernels:
     if compiler.find_compiler() is None:  # where there is one, what went wrong has been said
-        log.warning("energyopt: no C compiler: kernels run interpreted (same numbers, slower); install gcc, clang or `pip install ziglang`")
+        log.warning(
+            "energyopt: no C compiler, so kernels run interpreted (same numbers, slower); gcc, clang or `pip install ziglang` helps"
+        )
     return kernels_of(dynamics, compiled=False)
 
 

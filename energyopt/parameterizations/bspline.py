@@ -39,7 +39,9 @@ class BSpline:
         if self.degree not in (3, 4, 5):
             raise ProblemError(f"BSpline degree is {self.degree!r}: expected 3, 4 or 5")
         if self.control_points is not None and not self.degree + 4 <= self.control_points <= 2000:
-            raise ProblemError(f"BSpline control_points is {self.control_points!r}: expected {self.degree + 4} to 2000 for degree {self.degree}")
+            raise ProblemError(
+                f"BSpline control_points is {self.control_points!r}: expected {self.degree + 4} to 2000 for degree {self.degree}"
+            )
         if self.accuracy is not None and not 0 < self.accuracy < 1:
             raise ProblemError(f"BSpline accuracy is {self.accuracy!r}: expected a relative error between 0 and 1, or None")
 
@@ -47,7 +49,13 @@ class BSpline:
         """The splines to start with."""
         if self.knots is not None:
             breaks = np.array(self.knots, dtype=float)
-            if breaks.ndim != 1 or len(breaks) < 5 or np.any(np.diff(breaks) <= 0) or breaks[0] != 0 or abs(breaks[-1] - duration) > 1e-9 * duration:
+            if (
+                breaks.ndim != 1
+                or len(breaks) < 5
+                or np.any(np.diff(breaks) <= 0)
+                or breaks[0] != 0
+                or abs(breaks[-1] - duration) > 1e-9 * duration
+            ):
                 raise ProblemError(f"BSpline knots: expected at least 5 increasing times from 0 to the duration {duration:g} s")
             breaks[-1] = duration
             return SplineSpace(breaks, self.degree)

@@ -95,7 +95,7 @@ class SinusoidSpace(MotionSpace):
     def interpolate(self, trajectory: Trajectory):
         """Boundary values exactly, amplitudes by least squares."""
         T = self.duration
-        scaled = lambda t, order: trajectory(t * trajectory.duration / T, order) * (trajectory.duration / T) ** order  # noqa: E731
+        scaled = lambda t, order: trajectory(t * trajectory.duration / T, order) * (trajectory.duration / T) ** order
         ends = [scaled(np.array([t]), order)[0] for t in (0.0, T) for order in range(3)]
         coefficients = np.zeros((self.size, trajectory.nv))
         coefficients[:6] = ends

@@ -63,7 +63,12 @@ class Rows:
         row = [part.row + f for part, f in zip(parts, first, strict=False)]
         columns, values = [part.column for part in parts], [part.value for part in parts]
         empty = np.zeros(0, int)
-        return cls(int(first[-1]), np.concatenate([empty, *row]), np.concatenate([empty, *columns]), np.concatenate([np.zeros(0), *values]))
+        return cls(
+            int(first[-1]),
+            np.concatenate([empty, *row]),
+            np.concatenate([empty, *columns]),
+            np.concatenate([np.zeros(0), *values]),
+        )
 
     def __matmul__(self, coefficients: np.ndarray) -> np.ndarray:
         """The product with coefficients (size, nv), shape (count, nv)."""

@@ -67,7 +67,7 @@ class Cuts:
         """The torque rows of the program; ``samples`` counts those of its quadrature, which come first."""
         torque, rates = sorted(self.torque), sorted(self.rates)
         times = np.unique([t for t, _ in torque] + [t for pair in rates for t in pair[:2]])
-        at = lambda values: samples + np.searchsorted(times, values)  # noqa: E731
+        at = lambda values: samples + np.searchsorted(times, values)
         limit = np.array([problem.limits.torque[i] for _, i in torque]) * (1.0 - TORQUE_BACKOFF)
         rate = np.array([problem.limits.torque_rate[i] for *_, i in rates]) * (1.0 - RATE_BACKOFF)
         inverse = np.array([1.0 / (t1 - t0) for t0, t1, _ in rates])
@@ -77,7 +77,9 @@ class Cuts:
         return TorqueRows(
             times=times,
             row=np.concatenate([np.arange(len(torque)), pair_row, pair_row]).astype(int),
-            sample=np.concatenate([at([t for t, _ in torque]), at([t for t, _, _ in rates]), at([t for _, t, _ in rates])]).astype(int),
+            sample=np.concatenate(
+                [at([t for t, _ in torque]), at([t for t, _, _ in rates]), at([t for _, t, _ in rates])]
+            ).astype(int),
             joint=np.concatenate([np.array([i for _, i in torque], int), joints, joints]),
             scale=np.concatenate([np.ones(len(torque)), -inverse, inverse]),
             lower=-bound,
@@ -123,5 +125,7 @@ def _stretches(excess: np.ndarray, threshold: float, stride: int = 6) -> np.ndar
         return above
     starts = above[np.concatenate([[True], np.diff(above) > 1])]
     ends = above[np.concatenate([np.diff(above) > 1, [True]])]
-    spread = [np.arange(max(a - stride, 0), min(b + stride, len(excess) - 1) + 1, stride) for a, b in zip(starts, ends, strict=True)]
+    spread = [
+        np.arange(max(a - stride, 0), min(b + stride, len(excess) - 1) + 1, stride) for a, b in zip(starts, ends, strict=True)
+    ]
     return np.unique(np.concatenate([*spread, _peaks(excess, threshold)]))

@@ -107,7 +107,7 @@ class FreeWaypoints:
         self._fixed = [None if w.time is None else w.time / space.duration for w in waypoints]
         self.variables, self._nv = len(self._free), self._positions.shape[1]
         times = [0.0, *(1.0 if t is None else t for t in self._fixed), 1.0]
-        self.lower = np.array([max((t for t in [0.0, *self._fixed[:k]] if t is not None)) + self.GAP for k in self._free])
+        self.lower = np.array([max(t for t in [0.0, *self._fixed[:k]] if t is not None) + self.GAP for k in self._free])
         self.upper = np.array([min(t for t in times[k + 1 :]) - self.GAP for k in self._free])
         self._ordered = [k for k in range(self.variables - 1) if self._free[k + 1] == self._free[k] + 1]
         equalities, order = self.variables * self._nv, len(self._ordered)

@@ -90,7 +90,9 @@ def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.nd
     """Column starts, rows and constant values of the Jacobian, and the place of each torque entry's derivatives in it."""
     first, size = len(linear.lower), len(linear.x_lower)
     blocks = local_block[torque.sample]
-    columns = np.where(blocks[..., None] >= 0, blocks[..., None] * nv + np.arange(nv), -1).reshape(len(blocks), local_block.shape[1] * nv)
+    columns = np.where(blocks[..., None] >= 0, blocks[..., None] * nv + np.arange(nv), -1).reshape(
+        len(blocks), local_block.shape[1] * nv
+    )
     rows = np.broadcast_to((first + torque.row)[:, None], columns.shape)
     there = columns >= 0
     every_row = np.concatenate([linear.row, rows[there]])

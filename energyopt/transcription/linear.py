@@ -129,5 +129,5 @@ def _general_rows(row, block, value, sides, bounds) -> LinearRows:
     order = np.argsort(new_row, kind="stable")
     scale = (1.0 / np.where(largest > 0, largest, 1.0))[:, None]
     start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
-    pick = lambda side: (side * scale)[bounded]  # noqa: E731
+    pick = lambda side: (side * scale)[bounded]
     return LinearRows(start, new_column[order], new_value[order], pick(constant), pick(low), pick(high), *bounds)

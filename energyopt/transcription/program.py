@@ -107,7 +107,7 @@ def transcribe(
     if extras:
         evaluator = ExtendedEvaluator(evaluator, layout.size, layout.rows, patterns, extras)
         patterns = evaluator.jacobian_pattern, evaluator.hessian_pattern
-    every = lambda own, name: np.concatenate([*own, *(getattr(extra, name) for extra in extras)])  # noqa: E731
+    every = lambda own, name: np.concatenate([*own, *(getattr(extra, name) for extra in extras)])
     return NonlinearProgram(
         space=space,
         unknowns=unknowns,
