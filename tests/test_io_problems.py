@@ -93,11 +93,13 @@ def test_degrees_mean_the_same_motion_as_radians(tmp_path):
 
 
 def test_lengths_of_sliding_joints_stay_metres_in_a_file_in_degrees(tmp_path):
-    urdf = """<robot name="slider"><link name="base"/><link name="cart"><inertial><mass value="1"/>
-    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link><joint name="rail" type="prismatic">
-    <parent link="base"/><child link="cart"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="2" effort="9"/></joint></robot>"""
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    urdf = f"""<robot name="slider"><link name="base"/><link name="cart"><inertial><mass value="1"/>{inertia}</inertial></link>
+    <joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" velocity="2" effort="9"/></joint></robot>"""
     (tmp_path / "slider.urdf").write_text(urdf)
-    text = 'angles = "deg"\n[robot]\nurdf = "slider.urdf"\nlimits = {velocity = 3}\n[problem]\nstart = [0]\ngoal = [0.5]\nduration = 1\n'
+    robot = 'angles = "deg"\n[robot]\nurdf = "slider.urdf"\nlimits = {velocity = 3}\n'
+    text = robot + "[problem]\nstart = [0]\ngoal = [0.5]\nduration = 1\n"
     problem = eo.load_problem(written(tmp_path, text))
     assert problem.goal[0] == 0.5
     assert problem.limits.velocity[0] == 3.0
