@@ -195,7 +195,7 @@ class _Version(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
         from energyopt.dynamics import backend
         from energyopt.dynamics.compiler import find_compiler
-        from energyopt.workflow import versions
+        from energyopt.versions import versions
 
         compiler = find_compiler()
         print(f"energyopt {__version__}")

@@ -7,20 +7,18 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from energyopt import __version__
 from energyopt.errors import FileError, SimulationError
 from energyopt.io import save_plan, write_atomic, write_csv, write_joint_trajectory
 from energyopt.plans import Plan
 from energyopt.problem import Problem
+from energyopt.versions import versions
 
 if TYPE_CHECKING:
     from energyopt.simulation.log import ReplayLog
@@ -30,7 +28,6 @@ MARKER = ".energyopt"
 """File that marks a folder as written by energyopt: only in such a folder are files replaced."""
 DATA_FILES = ("plan.npz", "summary.json", "trajectory.csv", "joint_trajectory.json")
 FIGURE_FILES = ("metrics.png", "joints.png", "report.html")
-LIBRARIES = ("casadi", "pin", "mujoco", "numpy", "scipy", "matplotlib", "example-robot-data")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,17 +122,6 @@ def summarize(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> di
         "versions": versions(),
     }
     return plain(summary)
-
-
-def versions() -> dict[str, str]:
-    """Versions of what computed the numbers."""
-    found = {"energyopt": __version__, "python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def plain(value: Any) -> Any:
