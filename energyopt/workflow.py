@@ -179,10 +179,10 @@ def _write(
     save_plan(plan, out / "plan.npz")
     write_csv(plan, out / "trajectory.csv")
     write_joint_trajectory(plan, out / "joint_trajectory.json")
-    if figures:
-        _draw(plan, log, report, out)
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomic(out / "summary.json", (text + "\n").encode())
+    if figures:
+        _draw(plan, log, report, out)
     return tuple(out / name for name in (*DATA_FILES, *FIGURE_FILES) if (out / name).exists())
 
 
