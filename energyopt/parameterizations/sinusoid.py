@@ -83,7 +83,7 @@ class SinusoidSpace(MotionSpace):
         which hardly ever leave their limits."""
         if order == 0:
             return Rows.stacked([])
-        times = np.linspace(0.0, self.duration, 4 * (self.harmonics + 1) + 1)
+        times = np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 1)
         return self.rows_at(times, order)
 
     def trajectory(self, coefficients):

@@ -37,15 +37,15 @@ class Cuts:
     """The rows added so far.
 
     Attributes:
-        torque: (time, joint) pairs; rates: (start time, end time, joint); samples: times by derivative order.
+        torque: (time, joint) pairs; rates: (start time, end time, joint); samples: (derivative order, time, joint).
     """
 
     torque: set[tuple[float, int]] = field(default_factory=set)
     rates: set[tuple[float, float, int]] = field(default_factory=set)
-    samples: dict[int, set[float]] = field(default_factory=dict)
+    samples: set[tuple[int, float, int]] = field(default_factory=set)
 
     def __len__(self) -> int:
-        return len(self.torque) + len(self.rates) + sum(map(len, self.samples.values()))
+        return len(self.torque) + len(self.rates) + len(self.samples)
 
     def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
         """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).
@@ -86,8 +86,16 @@ class Cuts:
             upper=bound,
         )
 
-    def sample_rows(self) -> tuple[SampleRow, ...]:
-        return tuple(SampleRow(order, np.array(sorted(times))) for order, times in self.samples.items() if times)
+    def sample_rows(self, joints: int) -> tuple[SampleRow, ...]:
+        """The sampled kinematic rows, by derivative order."""
+        rows = []
+        for order in sorted({order for order, *_ in self.samples}):
+            times = np.array(sorted({t for o, t, _ in self.samples if o == order}))
+            needed = np.zeros((len(times), joints), bool)
+            for t, i in ((t, i) for o, t, i in self.samples if o == order):
+                needed[np.searchsorted(times, t), i] = True
+            rows.append(SampleRow(order, times, needed))
+        return tuple(rows)
 
     def _add_torque(self, times: np.ndarray, excess: np.ndarray) -> None:
         for i in range(excess.shape[1]):
@@ -108,8 +116,8 @@ class Cuts:
         """The exact extrema of a derivative that lie outside its limits."""
         if np.any(np.isfinite(low) | np.isfinite(high)):
             times, values = extrema(trajectory, order)
-            outside = np.maximum(low - values, values - high) > KINEMATIC_EXCESS
-            self.samples.setdefault(order, set()).update(float(t) for t in times[outside])
+            outside = np.argwhere(np.maximum(low - values, values - high) > KINEMATIC_EXCESS)
+            self.samples.update((order, float(times[k, i]), int(i)) for k, i in outside)
 
 
 def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:

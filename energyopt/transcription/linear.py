@@ -20,10 +20,15 @@ KINEMATIC_BACKOFF = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class SampleRow:
-    """A derivative bounded at further times (where a check found it outside)."""
+    """A derivative bounded at further times, each for some joints (where a check found it outside).
+
+    Attributes:
+        order: of the derivative; times: (N,); joints: (N, nv), true where the bound is needed.
+    """
 
     order: int
     times: np.ndarray
+    joints: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +75,11 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
         low, high = limits_of_order(problem.limits, order)
         low, high = _backed_off(low, 1.0), _backed_off(high, -1.0)
         if np.any(np.isfinite(low) | np.isfinite(high)):
-            extra = [space.rows_at(row.times, order) for row in samples if row.order == order]
-            rows = Rows.stacked([space.bounding_rows(order), *extra])
+            rows = space.bounding_rows(order)
             groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1))))
+            for sample in (s for s in samples if s.order == order):
+                bounds = np.where(sample.joints, low, -np.inf), np.where(sample.joints, high, np.inf)
+                groups.append((space.rows_at(sample.times, order), *bounds))
     defects = space.defects()
     groups.append((defects, *(np.zeros((defects.count, nv)),) * 2))
     timed = [w for w in problem.waypoints if w.time is not None]

@@ -97,7 +97,7 @@ def transcribe(
     nv = problem.robot.nv
     unknowns = space.unknowns(*boundary_states(problem))
     cuts = cuts or Cuts()
-    linear = linear_rows(problem, space, unknowns, cuts.sample_rows())
+    linear = linear_rows(problem, space, unknowns, cuts.sample_rows(nv))
     torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
     zeros = np.zeros(nv)
     weights = (problem.torque_weights, np.concatenate([zeros, problem.velocity_weight, zeros]))
