@@ -76,7 +76,9 @@ def graded_breaks(duration: float, spans: int, ratio: float = 0.25) -> np.ndarra
     depth = int(np.clip((spans - 6) // 3, 0, 3))
     even = spans - 2 * depth
     edge = ratio ** np.arange(depth, 0, -1)
-    return duration / even * np.concatenate([[0.0], edge, np.arange(1.0, even), even - edge[::-1], [even]])
+    breaks = duration / even * np.concatenate([[0.0], edge, np.arange(1.0, even), even - edge[::-1], [even]])
+    breaks[-1] = duration
+    return breaks
 
 
 class SplineSpace(MotionSpace):

@@ -48,8 +48,8 @@ class HermiteSimpson:
     intervals: int = 40
 
     def __post_init__(self):
-        if not 2 <= self.intervals <= 500:
-            raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 2 to 500")
+        if not 4 <= self.intervals <= 500:  # three have no more freedom than the six boundary conditions take
+            raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 4 to 500")
 
     def space(self, duration: float) -> HermiteSimpsonSpace:
         return HermiteSimpsonSpace(graded_breaks(duration, self.intervals))
