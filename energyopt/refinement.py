@@ -24,7 +24,7 @@ SHARE = 0.9
 """Spans are bisected, worst first, until they hold this share of the estimated gain."""
 END_SPLIT = 0.25
 """The two end spans, whose ramps from and to zero acceleration the estimate does not see, are always split at this share."""
-LEAST_SPAN = 2e-4
+LEAST_SPAN = 2e-5
 """No span becomes shorter than this share of the duration: accelerations are differences of coefficients over its square."""
 MOST_SPANS = 400
 """Refinement ends here, whatever the accuracy asked."""

@@ -25,6 +25,8 @@ ROUNDS = 15
 """Times rows are added in one level before the search gives up."""
 WARM_BARRIER = 1e-4
 """Initial barrier parameter from a motion that is nearly optimal already."""
+LEAST_SHARE = 1e-3
+"""Share of the guess's J below which the accuracy of J is no longer relative to J itself."""
 GOOD = (Outcome.CONVERGED, Outcome.ACCEPTABLE)
 
 Progress = Callable[[str, int, float, float], None]
@@ -52,7 +54,8 @@ class Search:
     Attributes:
         space: motions of the next level; trajectory: the best motion so far, a guess at first.
         outcome: of the last solve; reason: the solver's word.
-        objective: J of the last level by the program's own quadrature; gain: by how much the last refinement lowered it.
+        objective: J of the last level by the program's own quadrature; first_objective: that of the guess.
+        gain: by how much the last refinement lowered J.
         iterations: of all solves; build_s, solve_s: seconds spent.
     """
 
@@ -65,6 +68,7 @@ class Search:
     outcome: Outcome | None = None
     reason: str = ""
     objective: float = np.inf
+    first_objective: float | None = None
     gain: float | None = None
     iterations: int = 0
     rounds: int = 0
@@ -79,8 +83,13 @@ class Search:
 
     @property
     def error(self) -> float | None:
-        """Estimated relative distance of J to the continuous optimum; None before a refinement has been measured."""
-        return None if self.gain is None else REMAINDER * max(self.gain, 0.0) / max(abs(self.objective), 1e-300)
+        """Estimated relative distance of J to the continuous optimum; None before a refinement has been measured.
+
+        Relative to J, or to a small share of the guess's where J all but vanishes.
+        """
+        if self.gain is None:
+            return None
+        return REMAINDER * max(self.gain, 0.0) / max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
@@ -108,8 +117,12 @@ class Search:
         barrier = WARM_BARRIER if self.levels else IpoptOptions.barrier
         for self.rounds in range(1, ROUNDS + 1):
             program = self._transcribe()
+            x0 = program.guess(self.trajectory)
+            if self.first_objective is None:
+                program.evaluator.move(x0)
+                self.first_objective = program.evaluator.objective()
             result = solve(
-                program, program.guess(self.trajectory), self._solver_options(barrier), self._reporter(), self.options.stop
+                program, x0, self._solver_options(barrier), self._reporter(), self.options.stop
             )
             self.iterations += result.iterations
             self.outcome, self.reason = result.outcome, result.reason

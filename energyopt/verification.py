@@ -22,7 +22,7 @@ TOLERANCES = {
     "velocity": 1e-6,  # rad/s or m/s
     "acceleration": 1e-6,  # rad/s² or m/s²
     "torque_percent": 1e-2,  # % of the joint's limit
-    "boundary": 1e-6,  # rad, rad/s, rad/s²: start and goal
+    "boundary": 1e-6,  # rad, rad/s: start and goal; accelerations as a share of the largest in the motion (or of 1 rad/s²)
     "continuity": 1e-6,  # rad, rad/s: jumps at breaks
     "goal": 1e-5,  # m + rad: Cartesian goal
     "waypoint": 1e-6,  # rad
@@ -169,11 +169,13 @@ def _square_integrals(problem: Problem, trajectory: Trajectory, per_span: int) -
 def _boundary_finding(problem: Problem, trajectory: Trajectory) -> Finding:
     ends = [(0.0, [problem.start, problem.start_velocity, problem.start_acceleration])]
     ends.append((trajectory.duration, [problem.goal_position, problem.goal_velocity, problem.goal_acceleration]))
+    # An acceleration is a second difference of coefficients: its rounding grows with the accelerations of the motion.
+    scale = max(1.0, float(np.max(np.abs(trajectory(trajectory.breaks, 2)))))
     found = []
     for time, wanted in ends:
         for order, value in enumerate(wanted):
             if value is not None:
-                error = np.abs(trajectory(time, order) - value)
+                error = np.abs(trajectory(time, order) - value) / (scale if order == 2 else 1.0)
                 joint = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
                 found.append(Finding("boundary", float(error[joint]), None, problem.robot.joint_names[joint], time))
     return max(found, key=lambda f: np.inf if np.isnan(f.amount) else f.amount)

@@ -171,7 +171,7 @@ class FreeWaypoints:
         known = blocks >= 0
         shares = np.zeros((3, u.count))
         np.add.at(shares.T, blocks[known], values[0].T[known])
-        state = values[0] @ u.offset[columns[0]] + shares @ x[: u.count * self._nv].reshape(u.count, -1)
+        state = values[0] @ u.offset[columns[0]] + shares @ x[: u.count * self._nv].reshape(u.count, self._nv)
         return state, shares
 
 
