@@ -200,6 +200,14 @@ def test_names_with_signs_of_mathematics_are_drawn_as_they_are():
     assert r"costs \$5_0" in figure.texts[0].get_text()
 
 
+@pytest.mark.filterwarnings("error")
+def test_characters_the_font_lacks_are_boxes_and_no_warning():
+    plan = cycloid_plan("ur5")
+    figure = eo.plot_metrics(replace(plan, problem=replace(plan.problem, name="机 \x07 Größe")))
+    FigureCanvasAgg(figure).draw()  # warnings are errors here
+    assert figure.texts[0].get_text().startswith("□ □ Größe · ur5")
+
+
 def test_sliding_joints_have_metres_on_their_axes():
     figure = eo.plot_joints(slider_plan(arms.sliders(1)))
     assert [ax.get_title(loc="left") for ax in figure.axes] == ["Position q [m]", "Velocity q̇ [m/s]", "Torque τ [N]"]

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.figure import Figure
 
 from energyopt.dynamics.body import joint_axis
@@ -134,9 +136,16 @@ def legend(figure: Figure, ax: Axes, columns: int = 2) -> None:
 
 
 def fitted(name: str, most: int = 22) -> str:
-    """A name on one line that fits beside a panel, its dollar signs not read as mathematics."""
-    name = " ".join(name.split())
+    """A name as it can be drawn beside a panel: on one line, shortened, characters the font lacks as boxes, no mathematics."""
+    known = _drawable_characters()
+    name = "".join(c if ord(c) in known else "\N{WHITE SQUARE}" for c in " ".join(name.split()))
     return (name if len(name) <= most else f"{name[: most - 1]}…").replace("$", r"\$")
+
+
+@cache
+def _drawable_characters() -> frozenset[int]:
+    path = font_manager.findfont("DejaVu Sans")
+    return frozenset(font_manager.get_font(path).get_charmap())
 
 
 def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
