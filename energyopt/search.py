@@ -121,9 +121,7 @@ class Search:
             if self.first_objective is None:
                 program.evaluator.move(x0)
                 self.first_objective = program.evaluator.objective()
-            result = solve(
-                program, x0, self._solver_options(barrier), self._reporter(), self.options.stop
-            )
+            result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
             self.iterations += result.iterations
             self.outcome, self.reason = result.outcome, result.reason
             for name, count in result.evaluations.items():

@@ -6,13 +6,14 @@ nonlinear programming", Mathematical Programming 106 (2006).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
 import casadi as ca
 import numpy as np
+
+from energyopt.solvers.callbacks import Monitor, ProgramFunctions, Progress
 
 
 class Outcome(str, Enum):
@@ -79,10 +80,6 @@ class SolverResult:
     evaluations: dict[str, int] = field(default_factory=dict)
 
 
-Progress = Callable[[int, float, float], None]
-"""Called with (iteration, objective, worst violation of bounds and rows)."""
-
-
 def solve(
     program,
     x0: np.ndarray,
@@ -91,8 +88,12 @@ def solve(
     stop: Callable[[], bool] | None = None,
 ) -> SolverResult:
     """Minimise a program from ``x0``; ``stop`` is asked after every iteration and ends the solve with the iterate kept."""
-    functions = _Functions(program)
-    monitor = _Monitor(program, progress, options.time_limit, stop)
+    equalities = int(np.sum(program.row_lower == program.row_upper))
+    if equalities > program.size:
+        reason = "Not_Enough_Degrees_Of_Freedom"
+        return SolverResult(np.array(x0, float), np.zeros(program.rows), _OUTCOMES[reason], reason, np.inf, 0)
+    functions = ProgramFunctions(program)
+    monitor = Monitor(program, progress, options.time_limit, stop)
     solver = ca.nlpsol("energyopt", "ipopt", functions.problem, _casadi_options(program, functions, monitor, options))
     result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
     stats = solver.stats()
@@ -110,7 +111,7 @@ def solve(
     )
 
 
-def _casadi_options(program, functions: _Functions, monitor: _Monitor, options: IpoptOptions) -> dict:
+def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, options: IpoptOptions) -> dict:
     ipopt = {
         "print_level": 0,
         "sb": "yes",
@@ -146,151 +147,3 @@ def _casadi_options(program, functions: _Functions, monitor: _Monitor, options: 
         "record_time": False,
         "ipopt": ipopt,
     }
-
-
-class _Call(ca.Callback):
-    """A CasADi function whose value is computed by ``evaluate(inputs, outputs)`` on NumPy views of CasADi's own buffers."""
-
-    def __init__(self, name: str, inputs: dict, outputs: dict, evaluate: Callable):
-        ca.Callback.__init__(self)
-        self._inputs, self._outputs, self._evaluate = list(inputs.items()), list(outputs.items()), evaluate
-        self.construct(name, {})
-
-    def get_n_in(self):
-        return len(self._inputs)
-
-    def get_n_out(self):
-        return len(self._outputs)
-
-    def get_name_in(self, i):
-        return self._inputs[i][0]
-
-    def get_name_out(self, i):
-        return self._outputs[i][0]
-
-    def get_sparsity_in(self, i):
-        return self._inputs[i][1]
-
-    def get_sparsity_out(self, i):
-        return self._outputs[i][1]
-
-    def has_eval_buffer(self):
-        return True
-
-    def eval_buffer(self, arguments, results):
-        self._evaluate(arguments, results)
-        return 0
-
-
-class _Functions:
-    """The five functions of a program as CasADi sees them. The motion is evaluated once for each new x."""
-
-    def __init__(self, program):
-        self._evaluator = program.evaluator
-        self._x = np.full(program.size, np.nan)
-        self.calls = dict.fromkeys(("state", "gradient", "jacobian", "hessian"), 0)
-        dense, n, m = ca.Sparsity.dense, program.size, program.rows
-        x, f, g = {"x": dense(n), "p": ca.Sparsity(0, 0)}, {"f": dense(1)}, {"g": dense(m)}
-        jacobian = _sparsity(m, n, program.jacobian_pattern)
-        hessian = _sparsity(n, n, program.hessian_pattern)
-        weights = {"lam_f": dense(1), "lam_g": dense(m)}
-        self.problem = _Call("program", x, f | g, self._problem)
-        self.gradient = _Call("slope", x, f | {"grad_f_x": dense(n)}, self._gradient)
-        self.jacobian = _Call("row_jacobian", x, g | {"jac_g_x": jacobian}, self._jacobian)
-        self.hessian = _Call("curvature", x | weights, {"triu_hess_gamma_x_x": hessian}, self._hessian)
-
-    def _move(self, buffer) -> np.ndarray:
-        x = np.frombuffer(buffer)
-        if not np.array_equal(x, self._x):
-            self._x[:] = x
-            self._evaluator.move(self._x)
-            self.calls["state"] += 1
-        return self._x
-
-    def _problem(self, arguments, results):
-        x = self._move(arguments[0])
-        if results[0] is not None:
-            np.frombuffer(results[0])[0] = self._evaluator.objective()
-        if results[1] is not None:
-            self._evaluator.constraints(x, np.frombuffer(results[1]))
-
-    def _gradient(self, arguments, results):
-        self._move(arguments[0])
-        self.calls["gradient"] += 1
-        if results[0] is not None:
-            np.frombuffer(results[0])[0] = self._evaluator.objective()
-        if results[1] is not None:
-            self._evaluator.gradient(np.frombuffer(results[1]))
-
-    def _jacobian(self, arguments, results):
-        x = self._move(arguments[0])
-        self.calls["jacobian"] += 1
-        if results[0] is not None:
-            self._evaluator.constraints(x, np.frombuffer(results[0]))
-        if results[1] is not None:
-            self._evaluator.jacobian(np.frombuffer(results[1]))
-
-    def _hessian(self, arguments, results):
-        self._move(arguments[0])
-        self.calls["hessian"] += 1
-        multipliers = np.frombuffer(arguments[3]) if arguments[3] is not None and len(arguments[3]) else np.zeros(0)
-        self._evaluator.hessian(float(np.frombuffer(arguments[2])[0]), multipliers, np.frombuffer(results[0]))
-
-
-class _Monitor(ca.Callback):
-    """IPOPT's view from outside, once an iteration: reports progress and stops it on request."""
-
-    def __init__(self, program, progress: Progress | None, time_limit: float | None, stop: Callable[[], bool] | None):
-        ca.Callback.__init__(self)
-        self._program, self._progress, self._stop = program, progress, stop
-        self._deadline = None if time_limit is None else time.monotonic() + time_limit
-        self._count = 0
-        self.interrupted = self.out_of_time = False
-        n, m = program.size, program.rows
-        self._sizes = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": 0}
-        self.construct("monitor", {})
-
-    def get_n_in(self):
-        return ca.nlpsol_n_out()
-
-    def get_n_out(self):
-        return 1
-
-    def get_name_in(self, i):
-        return ca.nlpsol_out(i)
-
-    def get_name_out(self, i):
-        return "stop"
-
-    def get_sparsity_in(self, i):
-        size = self._sizes[ca.nlpsol_out(i)]
-        return ca.Sparsity.dense(size, 1) if size else ca.Sparsity(0, 0)
-
-    def has_eval_buffer(self):
-        return True
-
-    def eval_buffer(self, arguments, results):
-        if self._progress is not None:
-            self._report(arguments)
-        self._count += 1
-        if self._deadline is not None and time.monotonic() > self._deadline:
-            self.out_of_time = True
-        if self._stop is not None and self._stop():
-            self.interrupted = True
-        if results[0] is not None:
-            np.frombuffer(results[0])[0] = float(self.interrupted or self.out_of_time)
-        return 0
-
-    def _report(self, arguments):
-        program = self._program
-        x, f = np.frombuffer(arguments[0]), float(np.frombuffer(arguments[1])[0])
-        worst = max(np.max(program.lower - x, initial=0.0), np.max(x - program.upper, initial=0.0))
-        if program.rows:
-            g = np.frombuffer(arguments[2])
-            worst = max(worst, np.max(program.row_lower - g, initial=0.0), np.max(g - program.row_upper, initial=0.0))
-        self._progress(self._count, f, float(worst))
-
-
-def _sparsity(rows: int, columns: int, pattern: tuple[np.ndarray, np.ndarray]) -> ca.Sparsity:
-    start, row = pattern
-    return ca.Sparsity(rows, columns, start.tolist(), row.tolist())
