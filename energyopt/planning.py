@@ -132,6 +132,8 @@ class _Campaign:
         best = min(searches, key=lambda s: (not s.converged, s.objective if s.converged else self._excess(s)))
         best.iterations = sum(s.iterations for s in searches)
         best.solve_s = sum(s.solve_s for s in searches)
+        if searches[-1].outcome is Outcome.INTERRUPTED:
+            best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
         return self._refined(best)
 
     def _excess(self, search: Search) -> float:
