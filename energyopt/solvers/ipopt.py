@@ -94,7 +94,7 @@ def solve(
         return SolverResult(np.array(x0, float), np.zeros(program.rows), _OUTCOMES[reason], reason, np.inf, 0)
     functions = ProgramFunctions(program)
     monitor = Monitor(program, progress, options.time_limit, stop)
-    solver = ca.nlpsol("energyopt", "ipopt", functions.problem, _casadi_options(program, functions, monitor, options))
+    solver = ca.nlpsol("energyopt", "ipopt", functions.problem, _casadi_options(program, functions, monitor, options, x0))
     result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
     stats = solver.stats()
     reason = stats["return_status"]
@@ -111,15 +111,25 @@ def solve(
     )
 
 
-def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, options: IpoptOptions) -> dict:
+def _scaling(program, x0: np.ndarray) -> float:
+    """Brings a small objective to one, since the tolerance is absolute: J falls with T⁻³ where there is no gravity."""
+    program.evaluator.move(np.ascontiguousarray(x0, dtype=float))
+    size = abs(program.evaluator.objective())
+    return 1.0 / size if 1e-30 < size < 1.0 else 1.0
+
+
+def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, options: IpoptOptions, x0: np.ndarray) -> dict:
     ipopt = {
         "print_level": 0,
         "sb": "yes",
         "tol": options.tolerance,
-        "constr_viol_tol": 1e-5,
+        # Rows are scaled to coefficients of one: on short spans 1e-8 there is a hundred times more in rad/s.
+        "constr_viol_tol": 1e-8,
+        "acceptable_constr_viol_tol": 1e-8,
         "acceptable_tol": 1e2 * options.tolerance,
         "max_iter": options.iterations,
         "mu_init": options.barrier,
+        "obj_scaling_factor": _scaling(program, x0),
         "mumps_pivot_order": 0,
         "mumps_scaling": 0,
         "mumps_permuting_scaling": 0,
