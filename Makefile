@@ -35,7 +35,7 @@ bench: $(RUN_STAMP)  ## run the benchmark suites (SUITE=name for one)
 	@$(PY) -m energyopt bench $(SUITE)
 
 notebooks: $(DEV_STAMP)  ## run every notebook in place
-	@for n in notebooks/*.ipynb; do echo "Running $$n"; $(PY) -m nbclient.cli --inplace "$$n" || exit 1; done
+	@for n in notebooks/*.ipynb; do echo "Running $$n"; $(PY) -c 'from nbclient.cli import main; main()' --inplace "$$n" || exit 1; done
 
 dist: $(DEV_STAMP)  ## build wheel and sdist into dist/
 	@$(PY) -m build --no-isolation --outdir dist .

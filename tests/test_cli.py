@@ -56,6 +56,17 @@ def test_plan_writes_its_files_and_says_so(task, tmp_path, capsys):
     }
 
 
+def test_plan_draws_figures_and_a_page_that_belong_to_the_numbers(task, tmp_path):
+    out = tmp_path / "o"
+    assert main(["plan", str(task), "--out", str(out), "--quiet"]) == 0
+    for name in ("metrics.png", "joints.png"):
+        data = (out / name).read_bytes()
+        assert data.startswith(b"\x89PNG") and len(data) > 10_000
+    assert "<html" in (out / "report.html").read_text(encoding="utf-8")[:200].lower()
+    assert main(["plan", str(task), "--out", str(out), "--quiet", "--no-figures"]) == 0
+    assert not (out / "metrics.png").exists()  # a figure of an earlier run would not belong to these numbers
+
+
 def test_the_summary_holds_what_the_plan_holds(results):
     text = (results / "summary.json").read_text(encoding="utf-8")
     summary = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
