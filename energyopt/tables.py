@@ -82,7 +82,8 @@ def _saving(outcome: Outcome) -> str:
     other = outcome.report.baselines[REFERENCE]
     objective, energy = (_percent(x) for x in (other.saving_percent, other.energy_saving_percent))
     holds = "which holds the limits" if other.within_limits else "which breaks a limit"
-    same = f"same {outcome.plan.duration:g} s; J {other.objective:.4g}, {other.metrics.mechanical_abs_J:.4g} J of joint work, {holds}"
+    theirs = f"J {other.objective:.4g}, {other.metrics.mechanical_abs_J:.4g} J of joint work"
+    same = f"same {outcome.plan.duration:g} s; {theirs}, {holds}"
     return f"J {objective} (motor heat goes with torque squared), joint work {energy}; {same}"
 
 
