@@ -43,6 +43,12 @@ _OUTCOMES = {
 }
 
 
+VIOLATION = 1e-8
+"""Largest violation of a row. Rows are scaled to coefficients of one: on short spans this is a hundred times more in rad/s."""
+SMALLEST_STEP = 1e-9
+"""Length of a step [rad] that is rounding where spans are short: their gradients cannot be brought below the tolerance."""
+
+
 @dataclass(frozen=True)
 class IpoptOptions:
     """Settings of one solve.
@@ -98,7 +104,7 @@ def solve(
     result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
     stats = solver.stats()
     reason = stats["return_status"]
-    outcome = _OUTCOMES.get(reason, Outcome.FAILED)
+    outcome = _outcome(stats)
     if outcome is Outcome.INTERRUPTED and monitor.out_of_time:
         outcome = Outcome.TIME_LIMIT
     if monitor.interrupted:
@@ -109,6 +115,15 @@ def solve(
     return SolverResult(
         x, np.array(result["lam_g"]).ravel(), outcome, reason, float(result["f"]), stats["iter_count"], dict(functions.calls)
     )
+
+
+def _outcome(stats: dict) -> Outcome:
+    """What IPOPT's own word means; a step that fails because it is as small as rounding is the end of a convergence."""
+    reason, steps = stats["return_status"], stats.get("iterations") or {}
+    last = lambda name: (steps.get(name) or [np.inf])[-1]
+    if reason == "Error_In_Step_Computation" and last("d_norm") <= SMALLEST_STEP and last("inf_pr") <= VIOLATION:
+        return Outcome.ACCEPTABLE
+    return _OUTCOMES.get(reason, Outcome.FAILED)
 
 
 def _scaling(program, x0: np.ndarray) -> float:
@@ -123,9 +138,8 @@ def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, opti
         "print_level": 0,
         "sb": "yes",
         "tol": options.tolerance,
-        # Rows are scaled to coefficients of one: on short spans 1e-8 there is a hundred times more in rad/s.
-        "constr_viol_tol": 1e-8,
-        "acceptable_constr_viol_tol": 1e-8,
+        "constr_viol_tol": VIOLATION,
+        "acceptable_constr_viol_tol": VIOLATION,
         "acceptable_tol": 1e2 * options.tolerance,
         "max_iter": options.iterations,
         "mu_init": options.barrier,
