@@ -240,7 +240,8 @@ def _method(plan: Plan) -> str:
 def _notes(plan: Plan, report: ValidationReport) -> str:
     notes = [*plan.notes]
     notes.append("The motion is a local optimum; another start (option starts) may lead to a lower one.")
-    notes.append("Friction, armature and payload count only as far as the problem states them. Obstacles do not count.")
+    notes.append("Friction, armature and payload count only as far as the problem states them.")
+    notes.append("Obstacles and self-collision are not considered; a replay with collisions looks for contacts.")
     if plan.status is not Status.SOLVED:
         notes.insert(0, f"This motion is not a solution: {plan.message}.")
     if any(not other.within_limits for other in report.baselines.values()):

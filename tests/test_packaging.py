@@ -1,4 +1,4 @@
-"""What is shipped: the wheel holds the code, its C sources and the catalogue problems; versions and ranges agree."""
+"""What is shipped: the wheel holds the code, its C sources, its style sheet and the catalogue problems; versions and ranges agree."""
 
 import importlib.metadata
 import os
@@ -28,7 +28,7 @@ def wheel(tmp_path_factory):
 
 def test_the_wheel_holds_code_c_sources_and_problems(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    sources = [p for kind in ("*.py", "*.c", "*.h") for p in (ROOT / "energyopt").rglob(kind)]
+    sources = [p for kind in ("*.py", "*.c", "*.h", "*.css") for p in (ROOT / "energyopt").rglob(kind)]
     missing = [str(p.relative_to(ROOT)) for p in sources if p.relative_to(ROOT).as_posix() not in names]
     assert not missing
     problems = [f"energyopt/_problems/{p.name}" for p in (ROOT / "problems").glob("*.toml")]

@@ -1,0 +1,70 @@
+"""Make the figures and the table of savings that README.md and docs/ show:  python docs/make_figures.py
+
+docs/figures/panda_reach.png, panda_reach_joints.png   from problems/panda_reach.toml
+the table in README.md between the lines "savings: begin" and "savings: end"   from every problem in problems/
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import energyopt as eo
+from energyopt.io import catalogue_problems, load_task
+from energyopt.validation import ValidationReport
+
+HERE = Path(__file__).resolve().parent
+README = HERE.parent / "README.md"
+BASELINES = ("quintic", "cubic", "cycloid", "trapezoidal")
+BEGIN, END = "<!-- savings: begin -->", "<!-- savings: end -->"
+WIDTH_PIXELS = 1500
+
+
+def draw() -> None:
+    """The two figures of the README's problem."""
+    plan = eo.plan(eo.load_problem("panda_reach"))
+    log = eo.replay(plan)
+    (HERE / "figures").mkdir(exist_ok=True)
+    for name, figure in (("panda_reach", eo.plot_metrics(plan, log)), ("panda_reach_joints", eo.plot_joints(plan, log))):
+        metadata = {"Software": None}
+        figure.savefig(HERE / "figures" / f"{name}.png", dpi=WIDTH_PIXELS / figure.get_figwidth(), metadata=metadata)
+
+
+def savings_table(names: tuple[str, ...]) -> str:
+    """One row a problem: by how many per cent J is below each baseline's, the mechanical energy, whether links touch."""
+    lines = [
+        "| problem | robot | T [s] | J | "
+        + " | ".join(BASELINES)
+        + " | Σ∫\\|τq̇\\|dt [J], quintic's in brackets | touches itself |",
+        "|---|---|--:|--:|" + "--:|" * (len(BASELINES) + 1) + "---|",
+    ]
+    for name in names:
+        problem, options = load_task(name)
+        plan = eo.plan(problem, **options)
+        lines.append(_row(name, plan, eo.validate(plan), eo.replay(plan, collisions=True)))
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def _row(name: str, plan: eo.Plan, report: ValidationReport, log: eo.ReplayLog) -> str:
+    others = [report.baselines[kind] for kind in BASELINES]
+    savings = [f"{other.saving_percent:.1f} %{'' if other.within_limits else ' ✗'}" for other in others]
+    energy = f"{report.plan_metrics.mechanical_abs_J:.3g} ({others[0].metrics.mechanical_abs_J:.3g})"
+    touches = "yes" if log.contact_steps else "no"
+    cells = [f"`{name}`", plan.problem.robot.name, f"{plan.duration:g}", f"{report.objective:.4g}", *savings, energy, touches]
+    return f"| {' | '.join(cells)} |"
+
+
+def replace_table(path: Path, table: str) -> None:
+    """Put the table between its two marks."""
+    text = path.read_text(encoding="utf-8")
+    pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
+    if not pattern.search(text):
+        sys.exit(f"{path}: the lines '{BEGIN}' and '{END}' are missing")
+    path.write_text(pattern.sub(lambda _: f"{BEGIN}\n{table}\n{END}", text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    draw()
+    replace_table(README, savings_table(catalogue_problems()))

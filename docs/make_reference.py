@@ -1,0 +1,150 @@
+"""Write the parts of the documentation that follow from the code:  python docs/make_reference.py
+
+docs/problem_files.md   the table of keys, from the schema of problem files
+docs/validation.md      the table of test files, from their first lines
+
+What a key may be comes from `energyopt.io.problem_schema`; what it means, and what holds without it, stands here. A key that is
+missing here, or is no longer in the schema, is an error.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from energyopt.io.problem_schema import METHOD, PROBLEM_FILE
+from energyopt.io.schema import ListOf, OneOf, Table
+
+HERE = Path(__file__).resolve().parent
+
+MEANINGS = {
+    "name": "name in reports; the file's own name without it",
+    "angles": 'unit of every angle in the file, "rad" without it; "deg" also means degrees per second and so on',
+    "robot.name": "a robot of the catalogue; either this or urdf",
+    "robot.urdf": "any arm; relative to the problem file",
+    "robot.package_dirs": "folders in which package:// paths of meshes are found; relative to the problem file",
+    "robot.joints": "the joints that move, all others are locked; the catalogue's choice, or all, without it",
+    "robot.locked": "joints to fix: with their values, or names only (then at 0 or the nearest limit)",
+    "robot.gravity": "acceleration of gravity in the base; [0, 0, -9.81] without it",
+    "robot.armature": "rotor inertia seen at the joint; 0 without it",
+    "robot.viscous_friction": '0 without it; "urdf" takes the file\'s damping',
+    "robot.coulomb_friction": '0 without it; "urdf" takes the file\'s friction',
+    "robot.coulomb_velocity": "velocity over which Coulomb friction changes sign; 0.05 without it",
+    "robot.continuous_range": "range of joints without limits; [-2π, 2π] without it",
+    "robot.tool_frame": "frame whose motion is reported; the catalogue's, or the last link, without it",
+    "robot.payload": "a body held by the arm, or a list of them",
+    "robot.payload.mass": "",
+    "robot.payload.center": "centre of mass in the frame; its origin without it",
+    "robot.payload.inertia": "about the centre of mass, in the axes of the frame; a point mass without it",
+    "robot.payload.frame": "the tool frame without it",
+    "robot.limits.position": "in place of the URDF's",
+    "robot.limits.velocity": "in place of the URDF's",
+    "robot.limits.acceleration": "none without it",
+    "robot.limits.jerk": "none without it",
+    "robot.limits.torque": "in place of the URDF's",
+    "robot.limits.torque_rate": "none without it",
+    "robot.limits.scale.velocity": "factor on the limit, applied last",
+    "robot.limits.scale.acceleration": "factor on the limit, applied last",
+    "robot.limits.scale.jerk": "factor on the limit, applied last",
+    "robot.limits.scale.torque": "factor on the limit, applied last",
+    "robot.limits.scale.torque_rate": "factor on the limit, applied last",
+    "problem.start": "joint positions at t = 0",
+    "problem.goal": "joint positions at the end, or a pose of a frame",
+    "problem.goal.frame": "the tool frame without it",
+    "problem.goal.position": "where its origin has to be",
+    "problem.goal.quaternion": "its orientation; free without it and rpy",
+    "problem.goal.rpy": "its orientation in the file's angles, in place of quaternion",
+    "problem.duration": "T",
+    "problem.velocity_weight": "λ; 0.1 without it",
+    "problem.torque_weights": "w; 1 without it",
+    "problem.start_velocity": "0 without it",
+    "problem.goal_velocity": "0 without it",
+    "problem.start_acceleration": "0 without it",
+    "problem.goal_acceleration": "0 without it",
+    "limits.position": "for this problem, in place of the robot's",
+    "limits.velocity": "for this problem, in place of the robot's",
+    "limits.acceleration": "for this problem, in place of the robot's",
+    "limits.jerk": "for this problem, in place of the robot's",
+    "limits.torque": "for this problem, in place of the robot's",
+    "limits.torque_rate": "for this problem, in place of the robot's",
+    "waypoints.position": "a configuration to pass",
+    "waypoints.time": "when; chosen by the optimiser without it, in the order of the list",
+    "method.parameterization": "how the motion is described; bspline without it",
+    "method.degree": "of the spline; 3 without it",
+    "method.control_points": "coefficients of a joint to start with; by the duration without it",
+    "method.accuracy": "refine knots until the estimated relative error of J is below; 0.01 without it, false keeps the knots",
+    "method.harmonics": "frequencies above the fundamental; 6 without it",
+    "method.intervals": "40 without it",
+    "method.seed": "of random guesses; 0 without it",
+    "method.starts": "guesses to try, the best plan is kept; 1 without it (for a pose, one a goal configuration)",
+    "method.time_limit": "solving stops after this time",
+}
+
+
+def key_tables() -> str:
+    """The tables of all keys, one section of the file after another."""
+    lines, keys = [], dict(_keys("", PROBLEM_FILE, True))
+    missing, unknown = keys.keys() - MEANINGS.keys(), MEANINGS.keys() - keys.keys()
+    if missing or unknown:
+        sys.exit(f"docs/make_reference.py: keys without a meaning: {sorted(missing)}; meanings without a key: {sorted(unknown)}")
+    heading = None
+    for key, (expected, required) in keys.items():
+        section, _, name = key.rpartition(".")
+        if section != heading:
+            heading = section
+            title = {"": "Top of the file", "waypoints": "`[[waypoints]]`"}.get(section, f"`[{section}]`")
+            lines += ["", f"### {title}", "", "| key | value | meaning |", "|---|---|---|"]
+        words = expected.replace("|", "\\|")
+        only = [kind for kind, options in METHOD.items() if section == "method" and name in options]
+        meaning = ". ".join(
+            part for part in (MEANINGS[key], f"With {only[0]} only" if only else "", "**Required**" if required else "") if part
+        )
+        lines.append(f"| `{name}` | {words} | {meaning} |")
+    return "\n".join(lines).strip()
+
+
+def _keys(prefix: str, table: Table, required: bool) -> Iterator[tuple[str, tuple[str, bool]]]:
+    """(dotted key, (what is expected, whether the table cannot do without it)); keys of a table before its inner tables."""
+    inner = []
+    for key, kind in table.keys.items():
+        full = f"{prefix}.{key}" if prefix else key
+        below = kind.table if isinstance(kind, (OneOf, ListOf)) else kind
+        if isinstance(below, Table):
+            inner.append((full, below))
+        if isinstance(kind, OneOf):
+            plain = "a table, or a list of tables" if isinstance(kind.kind, ListOf) else f"{kind.kind.expected}, or a table"
+            yield full, (plain, key in table.required)
+        elif not isinstance(kind, (Table, ListOf)):
+            yield full, (kind.expected, key in table.required)
+    for full, below in inner:
+        yield from _keys(full, below, True)
+
+
+def test_table() -> str:
+    """The files of tests with what they say of themselves."""
+    lines = ["| file | what it tests |", "|---|---|"]
+    for path in sorted((HERE.parent / "tests").glob("test_*.py")):
+        words = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+        lines.append(f"| `{path.name}` | {' '.join(words.split()).rstrip('.')} |")
+    return "\n".join(lines)
+
+
+PARTS = {"problem_files.md": ("keys", key_tables), "validation.md": ("tests", test_table)}
+"""Page → name of the mark, and what stands between its begin and end."""
+
+
+def renewed(page: str) -> str:
+    """The text of a page with its generated part made anew."""
+    mark, make = PARTS[page]
+    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
+    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
+    text = (HERE / page).read_text(encoding="utf-8")
+    return pattern.sub(lambda _: f"{begin}\n\n{make()}\n\n{end}", text)
+
+
+if __name__ == "__main__":
+    for name in PARTS:
+        (HERE / name).write_text(renewed(name), encoding="utf-8")
