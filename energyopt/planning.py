@@ -141,7 +141,7 @@ class _Campaign:
         return max(violations.values(), default=0.0)
 
     def _refined(self, search: Search) -> Search:
-        """Refine until the estimated error is below the accuracy asked; keep the last motion that converged."""
+        """Refine until the estimated error is below the accuracy asked; keep the best motion that converged."""
         spline = self.parameterization
         accuracy = spline.accuracy if isinstance(spline, BSpline) else None
         while accuracy and search.converged and search.levels < MOST_LEVELS:
@@ -152,7 +152,12 @@ class _Campaign:
                 kept.iterations, kept.solve_s = search.iterations, search.solve_s
                 if search.outcome is Outcome.INTERRUPTED:
                     kept.outcome = Outcome.INTERRUPTED
-                kept.reason = f"refinement stopped at an estimated error of {_percent(kept.error)}: {search.reason}"
+                kept.reason = _stopped(kept.error, search.reason)
+                return kept
+            if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
+                kept.gain, kept.iterations, kept.solve_s = search.gain, search.iterations, search.solve_s
+                if kept.error > accuracy:
+                    kept.reason = _stopped(kept.error, "finer knots gave no better motion")
                 return kept
         return search
 
@@ -191,6 +196,10 @@ def _notes(campaign: _Campaign, search: Search) -> tuple[str, ...]:
     if search.reason.startswith("refinement stopped"):
         notes.append(search.reason)
     return tuple(notes)
+
+
+def _stopped(error: float | None, reason: str) -> str:
+    return f"refinement stopped at an estimated error of {_percent(error)}: {reason}"
 
 
 def _percent(error: float | None) -> str:

@@ -89,7 +89,7 @@ class Search:
         """
         if self.gain is None:
             return None
-        return REMAINDER * max(self.gain, 0.0) / max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
+        return REMAINDER * abs(self.gain) / max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
