@@ -27,6 +27,10 @@ class ProblemError(InputError):
     """A problem is malformed, contradicts itself, or cannot be met whatever the motion."""
 
 
+class GeometryError(InputError):
+    """A shape, its pose or its mesh is malformed, or a collision model cannot be built from it."""
+
+
 class FileError(InputError):
     """A file is missing, unreadable, damaged, or of another kind than its name says."""
 

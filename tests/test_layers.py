@@ -10,6 +10,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "errors messages versions",
     "dynamics",
     "robots",
+    "geometry",
     "problem parameterizations",
     "sampling waypoints plans solvers",
     "limit_checks baselines inverse_kinematics feasibility transcription",
