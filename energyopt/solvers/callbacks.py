@@ -105,18 +105,30 @@ class ProgramFunctions:
         self._evaluator.hessian(float(np.frombuffer(arguments[2])[0]), multipliers, np.frombuffer(results[0]))
 
 
+STALL_ITERATIONS = 40
+STALL_CHANGE = 1e-6
+"""A feasible solve whose objective has not changed by this share of the first in so many iterations is at its end: where the
+optimum is not unique (joints that cost nothing), the gradient falls too slowly to meet a tolerance."""
+STALL_VIOLATION = 1e-8
+
+
 class Monitor(ca.Callback):
-    """IPOPT's view from outside, once an iteration: reports progress and stops it on request."""
+    """IPOPT's view from outside, once an iteration: reports progress, and stops it on request or where it stalls."""
 
     def __init__(self, program, progress: Progress | None, time_limit: float | None, stop: Callable[[], bool] | None):
         ca.Callback.__init__(self)
         self._program, self._progress, self._stop = program, progress, stop
         self._deadline = None if time_limit is None else time.monotonic() + time_limit
-        self._count = 0
-        self.interrupted = self.out_of_time = False
+        self._objectives: list[float] = []
+        self.interrupted = self.out_of_time = self.stalled = False
         n, m = program.size, program.rows
         self._sizes = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": 0}
         self.construct("monitor", {})
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the solve was ended from outside."""
+        return self.interrupted or self.out_of_time
 
     def get_n_in(self):
         return ca.nlpsol_n_out()
@@ -138,25 +150,30 @@ class Monitor(ca.Callback):
         return True
 
     def eval_buffer(self, arguments, results):
+        self._objectives.append(float(np.frombuffer(arguments[1])[0]))
         if self._progress is not None:
-            self._report(arguments)
-        self._count += 1
+            self._progress(len(self._objectives) - 1, self._objectives[-1], self._violation(arguments))
+        if self._unchanged() and self._violation(arguments) <= STALL_VIOLATION:
+            self.stalled = True
         if self._deadline is not None and time.monotonic() > self._deadline:
             self.out_of_time = True
         if self._stop is not None and self._stop():
             self.interrupted = True
         if results[0] is not None:
-            np.frombuffer(results[0])[0] = float(self.interrupted or self.out_of_time)
+            np.frombuffer(results[0])[0] = float(self.stopped or self.stalled)
         return 0
 
-    def _report(self, arguments):
-        program = self._program
-        x, f = np.frombuffer(arguments[0]), float(np.frombuffer(arguments[1])[0])
+    def _unchanged(self) -> bool:
+        recent = self._objectives[-STALL_ITERATIONS:]
+        return len(self._objectives) > STALL_ITERATIONS and max(recent) - min(recent) <= STALL_CHANGE * abs(self._objectives[0])
+
+    def _violation(self, arguments) -> float:
+        program, x = self._program, np.frombuffer(arguments[0])
         worst = max(np.max(program.lower - x, initial=0.0), np.max(x - program.upper, initial=0.0))
         if program.rows:
             g = np.frombuffer(arguments[2])
             worst = max(worst, np.max(program.row_lower - g, initial=0.0), np.max(g - program.row_upper, initial=0.0))
-        self._progress(self._count, f, float(worst))
+        return float(worst)
 
 
 def _sparsity(rows: int, columns: int, pattern: tuple[np.ndarray, np.ndarray]) -> ca.Sparsity:

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from energyopt.solvers.callbacks import Monitor, ProgramFunctions, Progress
+from energyopt.solvers.linear import linear_solvers
 
 
 class Outcome(str, Enum):
@@ -47,6 +48,10 @@ VIOLATION = 1e-8
 """Largest violation of a row. Rows are scaled to coefficients of one: on short spans this is a hundred times more in rad/s."""
 SMALLEST_STEP = 1e-9
 """Length of a step [rad] that is rounding where spans are short: their gradients cannot be brought below the tolerance."""
+
+
+_ENDS = (Outcome.CONVERGED, Outcome.ACCEPTABLE, Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
+"""Outcomes after which no other linear solver is tried."""
 
 
 @dataclass(frozen=True)
@@ -100,15 +105,16 @@ def solve(
         return SolverResult(np.array(x0, float), np.zeros(program.rows), _OUTCOMES[reason], reason, np.inf, 0)
     functions = ProgramFunctions(program)
     monitor = Monitor(program, progress, options.time_limit, stop)
-    solver = ca.nlpsol("energyopt", "ipopt", functions.problem, _casadi_options(program, functions, monitor, options, x0))
-    result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
+    for linear in linear_solvers(program.size, program.rows, equalities):
+        settings = _casadi_options(program, functions, monitor, options, x0)
+        settings["ipopt"] |= linear | {"max_iter": min(options.iterations, linear.get("max_iter", options.iterations))}
+        solver = ca.nlpsol("energyopt", "ipopt", functions.problem, settings)
+        result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
+        outcome = _outcome(solver.stats(), monitor)
+        if outcome in _ENDS or settings["ipopt"]["max_iter"] == options.iterations:
+            break
     stats = solver.stats()
     reason = stats["return_status"]
-    outcome = _outcome(stats)
-    if outcome is Outcome.INTERRUPTED and monitor.out_of_time:
-        outcome = Outcome.TIME_LIMIT
-    if monitor.interrupted:
-        outcome = Outcome.INTERRUPTED
     x = np.array(result["x"]).ravel()
     if not np.all(np.isfinite(x)):
         x, outcome = np.array(x0, float), Outcome.FAILED
@@ -117,8 +123,12 @@ def solve(
     )
 
 
-def _outcome(stats: dict) -> Outcome:
+def _outcome(stats: dict, monitor: Monitor) -> Outcome:
     """What IPOPT's own word means; a step that fails because it is as small as rounding is the end of a convergence."""
+    if monitor.interrupted:
+        return Outcome.INTERRUPTED
+    if stats["return_status"] == "User_Requested_Stop":
+        return Outcome.TIME_LIMIT if monitor.out_of_time else Outcome.ACCEPTABLE
     reason, steps = stats["return_status"], stats.get("iterations") or {}
     last = lambda name: (steps.get(name) or [np.inf])[-1]
     if reason == "Error_In_Step_Computation" and last("d_norm") <= SMALLEST_STEP and last("inf_pr") <= VIOLATION:
@@ -144,11 +154,7 @@ def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, opti
         "max_iter": options.iterations,
         "mu_init": options.barrier,
         "obj_scaling_factor": _scaling(program, x0),
-        "mumps_pivot_order": 0,
-        "mumps_scaling": 0,
-        "mumps_permuting_scaling": 0,
         "min_refinement_steps": 0,
-        "mumps_mem_percent": 50,
         "bound_relax_factor": 0.0,
         "honor_original_bounds": "yes",
     }
