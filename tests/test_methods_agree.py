@@ -35,7 +35,7 @@ def test_refined_spline_and_collocation_find_the_same_motion(problem, spline):
     assert collocation.objective == pytest.approx(spline.objective, rel=SAME_OPTIMUM)
     t = np.linspace(0.0, problem.duration, 101)
     span = np.abs(problem.goal - problem.start).max()
-    np.testing.assert_allclose(collocation.trajectory(t), spline.trajectory(t), atol=0.04 * span)  # light wrists hardly matter to J
+    np.testing.assert_allclose(collocation.trajectory(t), spline.trajectory(t), atol=0.04 * span)  # J is flat
 
 
 def test_splines_of_every_degree_find_the_same_optimum(problem, spline):
