@@ -23,7 +23,7 @@ def outcome_table(outcome: Outcome) -> str:
         ("status", f"{plan.status.value}: {plan.message}"),
         ("motion", f"{robot.name}, {robot.nv} joints, {plan.duration:g} s"),
         ("objective J", f"{plan.objective:.6g}, of which {100 * share:.1f} % for velocity{_estimate(outcome)}"),
-        ("joint work", _energy(outcome)),
+        ("mechanical energy", _energy(outcome)),
         (f"against {REFERENCE}", _saving(outcome)),
         *_margins(outcome),
         ("replay in MuJoCo", _replay(outcome)),
@@ -82,9 +82,9 @@ def _saving(outcome: Outcome) -> str:
     other = outcome.report.baselines[REFERENCE]
     objective, energy = (_percent(x) for x in (other.saving_percent, other.energy_saving_percent))
     holds = "which holds the limits" if other.within_limits else "which breaks a limit"
-    theirs = f"J {other.objective:.4g}, {other.metrics.mechanical_abs_J:.4g} J of joint work"
+    theirs = f"J {other.objective:.4g}, {other.metrics.mechanical_abs_J:.4g} J of mechanical energy"
     same = f"same {outcome.plan.duration:g} s; {theirs}, {holds}"
-    return f"J {objective} (motor heat goes with torque squared), joint work {energy}; {same}"
+    return f"J {objective} (motor heat goes with torque squared), mechanical energy {energy}; {same}"
 
 
 def _percent(saving: float | None) -> str:

@@ -125,7 +125,7 @@ METHOD = {
         "accuracy": either(Kind("a relative error between 0 and 1", lambda x: is_number(x) and 0 < x < 1), _FALSE),
     },
     "sinusoid": {"harmonics": integer(0, 64)},
-    "hermite_simpson": {"intervals": integer(2, 2000)},
+    "hermite_simpson": {"intervals": integer(4, 500)},
 }
 """Options of each parameterisation."""
 
