@@ -1,0 +1,146 @@
+"""The benchmark scripts run and say what they measured; no time is judged here."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import energyopt as eo
+from energyopt.cli import main
+
+FOLDER = Path(__file__).resolve().parents[1] / "problems" / "benchmarks"
+SUITES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
+SMALL = {
+    "accuracy": ["--robot", "twodof", "--problems", "2", "--repeats", "1"],
+    "kernels": ["--robots", "twodof", "--casadi", "twodof", "--repeats", "1", "--no-compilation"],
+    "savings": ["--robots", "twodof", "--problems", "2"],
+    "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
+    "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
+}
+"""Settings with which each suite takes a few seconds."""
+
+TWODOF = """name = "swing"
+[robot]
+name = "twodof"
+[problem]
+start = [0.2, 0.1]
+goal = [0.6, -0.4]
+duration = 2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """By suite: what the script printed and what it wrote, run once."""
+    folder, found = tmp_path_factory.mktemp("benchmarks"), {}
+
+    def run(suite):
+        if suite not in found:
+            arguments = list(SMALL[suite])
+            if suite == "startup":
+                (folder / "swing.toml").write_text(TWODOF)
+                arguments += ["--problem", str(folder / "swing.toml")]
+            path = folder / f"{suite}.json"
+            command = [sys.executable, str(FOLDER / f"{suite}.py"), *arguments, "--json", str(path)]
+            environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
+            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            found[suite] = done.stdout, json.loads(path.read_text())
+        return found[suite]
+
+    return run
+
+
+def spread(values):
+    return values["lower"] <= values["median"] <= values["upper"] and all(map(math.isfinite, values.values()))
+
+
+def test_every_suite_is_tested_small():
+    assert sorted(SMALL) == SUITES
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_a_suite_states_what_it_measures_on_which_machine(measured, suite):
+    printed, written = measured(suite)
+    assert written["suite"] == suite and written["measures"] in printed
+    assert written["machine"]["cpu"] in printed and written["machine"]["cores"] >= 1
+    assert f"energyopt {eo.__version__}" in printed and written["versions"]["casadi"] in printed
+    assert "seed" in written["settings"] and "json" not in written["settings"]
+    for goal in written["goals"]:
+        assert goal["met"] == (goal["measured"] >= goal["bound"] if goal["least"] else goal["measured"] <= goal["bound"])
+
+
+def test_speed_compares_the_same_optimum(measured):
+    results = measured("speed")[1]["results"]
+    assert results["share_solved"] == 1.0 and len(results["problems"]) == 2
+    for key in ("seconds", "least_seconds"):
+        assert all(
+            spread(results[key][clock][stage]) for clock in ("wall", "cpu") for stage in ("solve", "build", "verify", "plan")
+        )
+    first = results["problems"][0]
+    for rival in first["textbook"].values():
+        assert rival["same"] == (abs(rival["objective"] / first["objective"] - 1.0) <= 1e-4) and rival["success"]
+        assert rival["ratio"]["cpu"] == pytest.approx(rival["cpu"] / first["seconds"]["cpu"]["solve"])
+    told = results["textbook"]["map_told"]
+    assert told["same_optimum"] == told["problems"] == 1 and spread(told["ratio"]["cpu"])
+    assert not results["problems"][1]["textbook"]
+
+
+def test_accuracy_measures_the_true_error(measured):
+    results = measured("accuracy")[1]["results"]
+    assert results["share_solved"] == 1.0 and results["compared"] == 2
+    for run in results["problems"]:
+        assert 0.0 < run["estimated_error"] < 0.01 and run["levels"] >= 2 and run["moved"] > 0.0
+        assert -1e-6 <= run["true_error"] < 0.05, "a finer motion space holds the coarser: J can only fall"
+
+
+def test_kernel_times_cover_every_kind(measured):
+    results = measured("kernels")[1]["results"]["twodof"]
+    kinds = {"compiled", "interpreted", "casadi"} if "compiled" in results["us_per_node"] else {"interpreted"}
+    assert results["joints"] == 2 and set(results["us_per_node"]) == kinds and results["compilation_s"] is None
+    for times in results["us_per_node"].values():
+        assert set(times) == {"torque", "adjoint", "jacobian", "hessian"} and min(times.values()) > 0.0
+
+
+def test_startup_begins_with_an_empty_cache_and_a_light_import(measured):
+    results = measured("startup")[1]["results"]
+    assert not {"mujoco", "matplotlib"} & set(results["import"]["brings"])
+    assert results["first_run"]["valid"] and results["second_run"]["valid"]
+    assert results["second_run"]["time_s"]["compile"] <= results["first_run"]["time_s"]["compile"]
+    assert all(run["share_solved"] == 1.0 and run["wall"] > 0.0 for run in results["interpreted"].values())
+
+
+def test_savings_name_their_baselines(measured):
+    results = measured("savings")[1]["results"]["twodof"]
+    assert results["solved"] == results["problems"] == 2
+    assert set(results["baselines"]) == {"quintic", "cubic", "cycloid", "trapezoidal"}
+    for name, found in results["baselines"].items():
+        assert spread(found["objective_percent"]) and spread(found["energy_percent"])
+        assert (
+            found["least_objective_percent_where_limits_hold"] is None or found["least_objective_percent_where_limits_hold"] > 0
+        ), name
+
+
+def test_random_moves_are_seeded_and_stay_off_the_limits(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from _shared import random_moves
+
+    robot = eo.load_robot("twodof")
+    moves, again, other = (random_moves(robot, 3, seed) for seed in (5, 5, 6))
+    described = [[(*m.start, *m.goal, m.duration) for m in some] for some in (moves, again, other)]
+    assert described[0] == described[1] != described[2]
+    margin = 0.1 * (robot.limits.upper - robot.limits.lower)
+    for q in (end for m in moves for end in (m.start, m.goal)):
+        assert (q >= robot.limits.lower + margin).all() and (q <= robot.limits.upper - margin).all() and (abs(q) <= 2.5).all()
+    for m in moves:
+        assert 1.3 <= m.duration / (15 / 8 * max(abs(m.goal - m.start) / robot.limits.velocity)) <= 1.6
+
+
+def test_the_command_line_knows_the_suites(capsys):
+    assert main(["bench", "nonesuch"]) == 2
+    listed = capsys.readouterr().err
+    assert all(suite in listed for suite in SUITES) and "_shared" not in listed
