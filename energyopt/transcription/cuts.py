@@ -99,7 +99,8 @@ class Cuts:
 
     def _add_torque(self, times: np.ndarray, excess: np.ndarray) -> None:
         for i in range(excess.shape[1]):
-            self.torque.update((float(t), i) for t in times[_stretches(excess[:, i], TORQUE_EXCESS)])
+            found = [*times[_stretches(excess[:, i], TORQUE_EXCESS)], *_vertices(times, excess[:, i], TORQUE_EXCESS)]
+            self.torque.update((float(t), i) for t in found)
 
     def _add_rates(self, problem: Problem, trajectory: Trajectory, kernels: Kernels) -> None:
         """Pairs of samples a tiny step apart, inside one span, where the rate between them is too high."""
@@ -124,6 +125,16 @@ def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:
     """Indices of the local maxima above a threshold."""
     padded = np.concatenate([[-np.inf], excess, [-np.inf]])
     return np.flatnonzero((excess > threshold) & (excess >= padded[:-2]) & (excess >= padded[2:]))
+
+
+def _vertices(t: np.ndarray, excess: np.ndarray, threshold: float) -> np.ndarray:
+    """Times between samples where a parabola through three of them rises above a threshold that none of them reaches."""
+    k = 1 + np.flatnonzero((excess[1:-1] >= excess[:-2]) & (excess[1:-1] >= excess[2:]) & (excess[1:-1] <= threshold))
+    before, after = t[k] - t[k - 1], t[k + 1] - t[k]
+    rise, fall = (excess[k] - excess[k - 1]) / before, (excess[k + 1] - excess[k]) / after
+    slope, bend = (rise * after + fall * before) / (before + after), (fall - rise) / (before + after)
+    shift = -0.5 * slope / np.where(bend < 0, bend, -np.inf)
+    return (t[k] + shift)[excess[k] + 0.5 * slope * shift > threshold]
 
 
 def _stretches(excess: np.ndarray, threshold: float, stride: int = 6) -> np.ndarray:
