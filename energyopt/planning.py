@@ -17,8 +17,10 @@ from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
 from energyopt.feasibility import check_feasibility
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import FramePose, Problem
+from energyopt.refinement import bisected
 from energyopt.search import Progress, Search, SearchOptions
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import Interrupts, Outcome
@@ -28,6 +30,8 @@ Parameterization = BSpline | Sinusoid | HermiteSimpson
 
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
+FINER = 2
+"""Times the knots are bisected where no guess leads to a motion inside the limits."""
 MOST_LEVELS = 12
 
 _STATUS = {
@@ -79,6 +83,7 @@ def plan(
     """
     parameterization = parameterization or BSpline()
     _check_arguments(parameterization, starts, time_limit, iterations)
+    _check_seed(seed)
     check_feasibility(problem)
     started = time.perf_counter()
     kernels = kernels_of(problem.robot.dynamics)
@@ -115,7 +120,7 @@ class _Campaign:
         began = time.perf_counter()
         targets = goals(self.problem, self.seed)
         if isinstance(self.problem.goal, FramePose):
-            check_feasibility(self.problem, goal=targets[0])
+            targets = self._possible(targets)
         source = guesses(self.problem, targets, self.seed)
         self.guess_s = time.perf_counter() - began
         wanted = starts or len(targets)
@@ -128,6 +133,8 @@ class _Campaign:
             searches.append(search)
             if search.outcome in _STOP:
                 break
+        if all(search.outcome is Outcome.INFEASIBLE for search in searches):
+            searches += self._on_finer_knots(next(guesses(self.problem, targets, self.seed)))
         self.tried = len(searches)
         best = min(searches, key=lambda s: (not s.converged, s.objective if s.converged else self._excess(s)))
         best.iterations = sum(s.iterations for s in searches)
@@ -135,6 +142,33 @@ class _Campaign:
         if searches[-1].outcome is Outcome.INTERRUPTED:
             best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
         return self._refined(best)
+
+    def _possible(self, targets: list[np.ndarray]) -> list[np.ndarray]:
+        """Goal configurations that are not impossible; where all are, the error of the nearest is raised."""
+        possible, errors = [], []
+        for target in targets:
+            try:
+                check_feasibility(self.problem, goal=target)
+                possible.append(target)
+            except ProblemError as error:
+                errors.append(error)
+        if not possible:
+            raise errors[0]
+        return possible
+
+    def _on_finer_knots(self, guess: Trajectory) -> list[Search]:
+        """Searches in ever finer spaces, where the knots may be chosen: near the least duration coarse ones hold no motion."""
+        spline, searches = self.parameterization, []
+        if not isinstance(spline, BSpline) or spline.accuracy is None:
+            return searches
+        space = spline.space(self.problem.duration)
+        for _ in range(FINER):
+            space = bisected(space)
+            searches.append(Search(self.problem, space, self.kernels, guess, self.options))
+            searches[-1].advance()
+            if searches[-1].outcome is not Outcome.INFEASIBLE:
+                break
+        return searches
 
     def _excess(self, search: Search) -> float:
         violations = verify(self.problem, search.trajectory).amount
@@ -219,6 +253,11 @@ def _print_progress(phase: str, iteration: int, objective: float, violation: flo
         f"{lead}  level {phase}  iteration {iteration:4d}  objective {objective:12.5g}  violation {violation:8.1e}{end}"
     )
     sys.stderr.flush()
+
+
+def _check_seed(seed: int) -> None:
+    if not (isinstance(seed, (int, np.integer)) and 0 <= seed < 2**63):
+        raise ProblemError(f"seed is {seed!r}: expected a whole number, 0 or more")
 
 
 def _check_arguments(parameterization: object, starts: int | None, time_limit: float | None, iterations: int) -> None:
