@@ -74,10 +74,17 @@ def run(
     """
     from energyopt.planning import plan as plan_motion
 
+    _load()
     if out is not None:
         prepare_folder(out)
     plan = plan_motion(problem, verbose=verbose, throw=False, **options)
     return judge_and_write(plan, out, replay=replay and plan.solved, figures=figures)
+
+
+def _load() -> None:
+    """Import what follows a plan before it starts, so that nothing slow comes after Ctrl-C."""
+    for name in ("simulation.inverse", "validation", "versions", "tables"):
+        import_module(f"energyopt.{name}")
 
 
 def judge_and_write(plan: Plan, out: Path | None, *, replay: bool = True, figures: bool = True, **replay_options: Any) -> Outcome:

@@ -109,7 +109,7 @@ STALL_ITERATIONS = 40
 STALL_CHANGE = 1e-6
 """A feasible solve whose objective has not changed by this share of the first in so many iterations is at its end: where the
 optimum is not unique (joints that cost nothing), the gradient falls too slowly to meet a tolerance."""
-STALL_VIOLATION = 1e-8
+STALL_VIOLATION = 1e-9
 
 
 class Monitor(ca.Callback):

@@ -52,6 +52,7 @@ def linear_solvers(size: int, rows: int, equalities: int) -> list[dict]:
         "ma27_la_init_factor": 1.0,
         "ma27_liw_init_factor": 1.0,
         "max_iter": MOST_ITERATIONS,
+        "min_refinement_steps": 1,  # the digits that pivoting would have kept
     }
     return [ours, MUMPS]
 

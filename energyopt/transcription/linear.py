@@ -15,7 +15,9 @@ from energyopt.problem import Problem
 from energyopt.robots.model import Limits
 
 KINEMATIC_BACKOFF = 1e-7
-"""Rows stay inside their limit by this share, so that the solver's own tolerance does not break it."""
+"""Limits are approached to this share, so that the solver's own tolerance does not break them."""
+ROW_BACKOFF = 2e-9
+"""The same for rows scaled to coefficients of one, in their own unit: on a span h it is 2e-9 p/h rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,4 +139,7 @@ def _general_rows(row, block, value, sides, bounds) -> LinearRows:
     scale = (1.0 / np.where(largest > 0, largest, 1.0))[:, None]
     start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
     pick = lambda side: (side * scale)[bounded]
-    return LinearRows(start, new_column[order], new_value[order], pick(constant), pick(low), pick(high), *bounds)
+    backoff = np.minimum(ROW_BACKOFF, 1e-3 * (pick(high) - pick(low)))
+    return LinearRows(
+        start, new_column[order], new_value[order], pick(constant), pick(low) + backoff, pick(high) - backoff, *bounds
+    )
