@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +84,7 @@ def run(
 
 def _load() -> None:
     """Import what follows a plan before it starts, so that nothing slow comes after Ctrl-C."""
-    for name in ("simulation.inverse", "validation", "versions", "tables"):
+    for name in ("simulation.inverse", "validation", "tables"):
         import_module(f"energyopt.{name}")
 
 
