@@ -1,0 +1,119 @@
+"""Refinement: knots go where they pay, spaces stay nested, and the accuracy promised is the accuracy reached."""
+
+import arms
+import numpy as np
+import pytest
+
+import energyopt as eo
+from energyopt import refinement
+from energyopt.dynamics.kernels import kernels_of
+from energyopt.feasibility import kinematic_minimum
+from energyopt.parameterizations.bspline import SplineSpace
+from energyopt.refinement import bisected, refine, span_gains
+from energyopt.transcription import transcribe
+
+T = 0.8
+
+
+def problem(**options):
+    return eo.Problem(arms.two_link(), [-0.4, 0.6], [1.2, -0.8], T, **options)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """The optimum on even, coarse knots, and the estimated gain of bisecting each span."""
+    plan = eo.plan(problem(), eo.BSpline(knots=tuple(np.linspace(0.0, T, 9)), accuracy=None))
+    space = SplineSpace(plan.trajectory.breaks, 3)
+    fine = transcribe(problem(), bisected(space), kernels_of(plan.problem.robot.dynamics))
+    return plan, space, span_gains(space, fine, fine.guess(plan.trajectory))
+
+
+def test_bisection_doubles_the_spans_and_keeps_every_break(coarse):
+    _, space, _ = coarse
+    fine = bisected(space)
+    assert len(fine.breaks) == 2 * len(space.breaks) - 1 and set(space.breaks) < set(fine.breaks)
+
+
+def test_gains_are_the_size_of_what_bisection_really_gains(coarse):
+    """Every inner span is bisected alone and solved again (the ramps of the end spans are not seen: those are always split).
+
+    The estimate moves one coefficient at a time, so a factor of five is allowed.
+    """
+    plan, space, gains = coarse
+    assert gains.shape == (8,) and np.all(gains >= 0)
+    real, inner = [], range(1, 7)
+    for k in inner:
+        breaks = np.sort(np.append(space.breaks, 0.5 * (space.breaks[k] + space.breaks[k + 1])))
+        real.append(plan.objective - eo.plan(plan.problem, eo.BSpline(knots=tuple(breaks), accuracy=None)).objective)
+    real, gains = np.array(real), gains[1:-1]
+    assert np.all(real > 0)
+    assert np.argmax(real) in np.argsort(gains)[::-1][:2], "the span that pays most is among the two ranked first"
+    assert 1 / 5 < gains.sum() / real.sum() < 5
+
+
+def test_gains_vanish_where_nothing_can_be_gained():
+    """The slider's optimum with its own end accelerations is a cubic: no finer spline is better."""
+    ends = {"start_acceleration": 6.0, "goal_acceleration": -6.0}
+    request = eo.Problem(arms.sliders(), [0.0], [1.0], 1.0, velocity_weight=0.0, **ends)
+    plan = eo.plan(request, eo.BSpline(control_points=9, accuracy=None))
+    space = SplineSpace(plan.trajectory.breaks, 3)
+    fine = transcribe(request, bisected(space), kernels_of(request.robot.dynamics))
+    assert span_gains(space, fine, fine.guess(plan.trajectory)).sum() < 1e-9 * plan.objective
+
+
+def test_the_worst_spans_are_bisected_and_the_ends_split_near_the_ends():
+    space = SplineSpace(np.linspace(0.0, 1.0, 9), 3)
+    gains = np.array([0.0, 0.0, 5.0, 0.1, 0.0, 4.0, 0.0, 0.0])
+    added = sorted(set(refine(space, gains).breaks) - set(space.breaks))
+    np.testing.assert_allclose(added, [0.25 / 8, 2.5 / 8, 5.5 / 8, 1 - 0.25 / 8])
+
+
+def test_no_span_becomes_too_short_and_no_spline_too_long(monkeypatch):
+    space = SplineSpace(np.linspace(0.0, 1.0, 9), 3)
+    for _ in range(30):
+        space = refine(space, np.diff(space.breaks))
+    assert np.diff(space.breaks).min() >= 0.5 * refinement.LEAST_SPAN
+    monkeypatch.setattr("energyopt.search.MOST_SPANS", 20)
+    plan = eo.plan(problem(), eo.BSpline(accuracy=1e-6))
+    assert plan.solved and len(plan.trajectory.breaks) < 60
+    assert plan.discretization_error > 1e-6 and any("refinement stopped" in note for note in plan.notes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_default_is_within_one_percent_of_a_three_times_finer_solve(seed):
+    """On a Panda, in the same basin: the finer solve has every span of the refined plan cut in three."""
+    robot, rng = arms.catalogue_robot("panda"), np.random.default_rng(seed)
+    goal = np.clip(robot.home + rng.uniform(-0.8, 0.8, 7), robot.limits.lower + 0.1, robot.limits.upper - 0.1)
+    duration = 2.0 * kinematic_minimum(eo.Problem(robot, robot.home, goal, 1.0), robot.home, goal).max()
+    request = eo.Problem(robot, robot.home, goal, max(duration, 0.6))
+    plan = eo.plan(request)
+    breaks = plan.trajectory.breaks
+    thirds = np.linspace(breaks[:-1], breaks[1:], 4, axis=1)[:, :-1].ravel()
+    fine = eo.plan(request, eo.BSpline(knots=(*thirds, breaks[-1]), accuracy=None))
+    error = plan.objective / fine.objective - 1
+    assert plan.discretization_error <= 0.01
+    assert -1e-6 < error <= 0.01
+    assert plan.discretization_error > 0.3 * error, "the estimate is not far too small"
+
+
+@pytest.mark.parametrize("degree", [3, 4, 5])
+def test_more_accuracy_costs_more_knots_and_less_energy(degree):
+    plans = [eo.plan(problem(), eo.BSpline(degree=degree, accuracy=accuracy)) for accuracy in (3e-2, 3e-3, 3e-4)]
+    assert all(plan.discretization_error <= accuracy for plan, accuracy in zip(plans, (3e-2, 3e-3, 3e-4), strict=True))
+    spans, costs = [len(plan.trajectory.breaks) for plan in plans], [plan.objective for plan in plans]
+    assert spans == sorted(spans) and spans[0] < spans[-1]
+    assert costs == sorted(costs, reverse=True) and costs[0] > costs[-1]
+
+
+def test_knots_gather_where_a_long_hold_meets_a_short_swing():
+    """Eight seconds for a motion of less than one: the knots stand where the arm moves, not where it hangs."""
+    robot = arms.two_link()
+    plan = eo.plan(eo.Problem(robot, [-0.4, 0.6], [1.2, -0.8], 8.0), eo.BSpline(accuracy=3e-3))
+    t = np.linspace(0.0, 8.0, 801)
+    speed = np.abs(plan.trajectory(t, 1)).max(axis=1)
+    still = t[speed < 0.05 * speed.max()]
+    middle = 0.5 * (plan.trajectory.breaks[1:] + plan.trajectory.breaks[:-1])
+    resting = np.interp(middle, t, speed) < 0.05 * speed.max()
+    assert len(still) > 0.4 * len(t), "most of the time the arm hangs"
+    width = np.diff(plan.trajectory.breaks)
+    assert width[resting].mean() > 2.0 * width[~resting].mean()
