@@ -130,6 +130,7 @@ def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:
 def _vertices(t: np.ndarray, excess: np.ndarray, threshold: float) -> np.ndarray:
     """Times between samples where a parabola through three of them rises above a threshold that none of them reaches."""
     k = 1 + np.flatnonzero((excess[1:-1] >= excess[:-2]) & (excess[1:-1] >= excess[2:]) & (excess[1:-1] <= threshold))
+    k = k[k % PER_SPAN != 0]  # at a knot the torque has a kink, and a parabola across it rises where the torque does not
     before, after = t[k] - t[k - 1], t[k + 1] - t[k]
     rise, fall = (excess[k] - excess[k - 1]) / before, (excess[k + 1] - excess[k]) / after
     slope, bend = (rise * after + fall * before) / (before + after), (fall - rise) / (before + after)
