@@ -33,7 +33,7 @@ moved = plan.trajectory(1.5) - robot.home
 print(json.dumps([plan.status.value, plan.message, len(heard), plan.objective, moved.tolist()]), flush=True)
 """
 METHODS = {
-    "one long solve": "eo.HermiteSimpson(400)",
+    "one long solve": "eo.HermiteSimpson(200)",
     "thousands of starts": "eo.BSpline(control_points=12, accuracy=None), starts=100_000",
     "endless refinement": "eo.BSpline(degree=5, accuracy=1e-9), starts=50",
 }
@@ -87,7 +87,7 @@ def test_the_command_line_ends_with_130_soon_after_ctrl_c(tmp_path):
         "[method]\ncontrol_points = 12\naccuracy = false\nstarts = 10000\n"
     )
     process = start("-m", "energyopt", "plan", str(problem), "--no-replay", "--quiet")
-    time.sleep(4.0)  # ten thousand starts last minutes; the imports a second or two
+    time.sleep(3.0)  # ten thousand starts last minutes; the imports a second or two
     assert process.poll() is None, process.stderr.read()
     began = time.monotonic()
     process.send_signal(signal.SIGINT)

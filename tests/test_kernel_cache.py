@@ -121,13 +121,13 @@ def test_a_cached_library_is_loaded_without_compiling(fresh, tmp_path, made):
 
 
 @needs_compiler
-@pytest.mark.parametrize("damage", ["text", "half", "one bit"])
+@pytest.mark.parametrize("damage", ["half", "one bit"])
 def test_a_damaged_library_is_compiled_again(fresh, tmp_path, made, damage):
     """Loading half a library would end the process, so it must not even be tried."""
     content = made.read_bytes()
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 1
-    damaged = {"text": b"not a library", "half": content[: len(content) // 2], "one bit": bytes(flipped)}[damage]
+    damaged = {"half": content[: len(content) // 2], "one bit": bytes(flipped)}[damage]
     put(tmp_path / "cache" / made.name, damaged, 0o700)
     found = kernels.kernels_of(arms.pendulum().dynamics)
     assert found.kind == "compiled" and found.compile_s > 0 and right_torque(arms.pendulum(), found)
