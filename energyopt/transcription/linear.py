@@ -139,7 +139,7 @@ def _general_rows(row, block, value, sides, bounds) -> LinearRows:
     scale = (1.0 / np.where(largest > 0, largest, 1.0))[:, None]
     start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
     pick = lambda side: (side * scale)[bounded]
-    backoff = np.minimum(ROW_BACKOFF, 1e-3 * (pick(high) - pick(low)))
+    backoff = np.minimum(ROW_BACKOFF, 3e-3 * (pick(high) - pick(low)))
     return LinearRows(
         start, new_column[order], new_value[order], pick(constant), pick(low) + backoff, pick(high) - backoff, *bounds
     )
