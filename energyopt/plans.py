@@ -68,7 +68,6 @@ class Plan:
         seed: seed of the guess that led here.
         options: every option used (parameterisation and solver).
         notes: what the user should know, one sentence each.
-        history: one dict a solver iteration: iteration, objective, violation.
     """
 
     problem: Problem
