@@ -17,9 +17,9 @@ import numpy as np
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.transcription import NonlinearProgram
 
-REMAINDER = 0.5
+REMAINDER = 0.7
 """Distance to the continuous optimum over the gain of the last refinement. Gains shrink to about a third from one refinement
-to the next (fixed-ratio sum: 1/3 + 1/9 + … = 1/2); measured on eight random Panda moves: 0.2 to 0.5."""
+to the next, which would leave 1/3 + 1/9 + … = 1/2; measured on random Panda moves: 0.25 to 0.6, rarely up to 1.2."""
 SHARE = 0.9
 """Spans are bisected, worst first, until they hold this share of the estimated gain."""
 END_SPLIT = 0.25

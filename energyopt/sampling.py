@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineTrajectory, Trajectory
+from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineTrajectory, Trajectory, gauss_on_spans
 
 LEAST_SPANS = 16
 """A motion is sampled as if it had at least this many spans, so that one long polynomial is not undersampled."""
@@ -84,9 +84,7 @@ def gauss_grid(trajectory: Trajectory, per_span: int = 6) -> tuple[np.ndarray, n
     longest = trajectory.duration / LEAST_SPANS * (1 + 1e-9)
     parts = [np.linspace(a, b, int(np.ceil((b - a) / longest)) + 1)[:-1] for a, b in zip(breaks[:-1], breaks[1:], strict=True)]
     fine = np.append(np.concatenate(parts), breaks[-1])
-    x, w = np.polynomial.legendre.leggauss(per_span)
-    half, middle = 0.5 * np.diff(fine)[:, None], 0.5 * (fine[1:] + fine[:-1])[:, None]
-    return (middle + half * x).ravel(), (half * w).ravel()
+    return gauss_on_spans(fine, per_span)
 
 
 def polynomial_pieces(trajectory: Trajectory) -> np.ndarray | None:

@@ -23,7 +23,7 @@ from energyopt.transcription import Cuts, NonlinearProgram, transcribe
 
 ROUNDS = 15
 """Times rows are added in one level before the search gives up."""
-WARM_BARRIER = 1e-4
+WARM_BARRIER = 1e-5
 """Initial barrier parameter from a motion that is nearly optimal already."""
 LEAST_SHARE = 1e-3
 """Share of the guess's J below which the accuracy of J is no longer relative to J itself."""

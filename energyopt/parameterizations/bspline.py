@@ -16,7 +16,7 @@ import numpy as np
 
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
-from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
+from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory, gauss_on_spans
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,7 @@ class SplineSpace(MotionSpace):
         return columns, values
 
     def quadrature(self):
-        x, w = np.polynomial.legendre.leggauss(self.degree + 1)
-        half, middle = 0.5 * np.diff(self.breaks)[:, None], 0.5 * (self.breaks[1:] + self.breaks[:-1])[:, None]
-        return (middle + half * x).ravel(), (half * w).ravel()
+        return gauss_on_spans(self.breaks, self.degree)
 
     def unknowns(self, start, goal):
         nv = len(start.velocity)

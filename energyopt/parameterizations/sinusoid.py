@@ -15,7 +15,7 @@ import numpy as np
 
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
-from energyopt.parameterizations.trajectory import SinusoidTrajectory, Trajectory
+from energyopt.parameterizations.trajectory import SinusoidTrajectory, Trajectory, gauss_on_spans
 
 _HERMITE = np.array(
     [  # ascending powers of s: velocity and acceleration at 0, velocity and acceleration at 1
@@ -61,10 +61,7 @@ class SinusoidSpace(MotionSpace):
         return np.tile(np.arange(self.size), (len(t), 1)), values
 
     def quadrature(self):
-        x, w = np.polynomial.legendre.leggauss(4)
-        edges = np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 3)
-        half, middle = 0.5 * np.diff(edges)[:, None], 0.5 * (edges[1:] + edges[:-1])[:, None]
-        return (middle + half * x).ravel(), (half * w).ravel()
+        return gauss_on_spans(np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 3), 4)
 
     def unknowns(self, start, goal):
         nv = len(start.velocity)

@@ -7,10 +7,24 @@ that judges or draws a motion needs only `traj(t, order)`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline as ScipySpline
 from scipy.interpolate import PPoly
+
+
+@lru_cache(maxsize=32)
+def gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on [−1, 1]; exact to degree 2·count − 1."""
+    return np.polynomial.legendre.leggauss(count)
+
+
+def gauss_on_spans(breaks: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss–Legendre times and weights with ``count`` nodes in each span between breakpoints, both (spans·count,)."""
+    x, w = gauss_legendre(count)
+    half, middle = 0.5 * np.diff(breaks)[:, None], 0.5 * (breaks[1:] + breaks[:-1])[:, None]
+    return (middle + half * x).ravel(), (half * w).ravel()
 
 
 class Trajectory(ABC):
@@ -56,10 +70,7 @@ class Trajectory(ABC):
 
     def quadrature(self, per_span: int = 6) -> tuple[np.ndarray, np.ndarray]:
         """Gauss–Legendre times and weights over all smooth spans; exact to degree 2·per_span − 1 in each."""
-        x, w = np.polynomial.legendre.leggauss(per_span)
-        half = 0.5 * np.diff(self.breaks)[:, None]
-        middle = 0.5 * (self.breaks[1:] + self.breaks[:-1])[:, None]
-        return (middle + half * x).ravel(), (half * w).ravel()
+        return gauss_on_spans(self.breaks, per_span)
 
 
 class SplineTrajectory(Trajectory):

@@ -55,7 +55,7 @@ class ProgramFunctions:
 
     def __init__(self, program):
         self._evaluator = program.evaluator
-        self._x = np.full(program.size, np.nan)
+        self._x, self._seen = np.zeros(program.size), None
         self.calls = dict.fromkeys(("state", "gradient", "jacobian", "hessian"), 0)
         dense, n, m = ca.Sparsity.dense, program.size, program.rows
         x, f, g = {"x": dense(n), "p": ca.Sparsity(0, 0)}, {"f": dense(1)}, {"g": dense(m)}
@@ -68,9 +68,9 @@ class ProgramFunctions:
         self.hessian = Call("curvature", x | weights, {"triu_hess_gamma_x_x": hessian}, self._hessian)
 
     def _move(self, buffer) -> np.ndarray:
-        x = np.frombuffer(buffer)
-        if not np.array_equal(x, self._x):
-            self._x[:] = x
+        seen = bytes(buffer)
+        if seen != self._seen:
+            self._seen, self._x[:] = seen, np.frombuffer(buffer)
             self._evaluator.move(self._x)
             self.calls["state"] += 1
         return self._x

@@ -143,7 +143,7 @@ class CompiledEvaluator:
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
 
 
 def _c_arrays(P: Layout) -> dict[str, np.ndarray]:
