@@ -170,6 +170,9 @@ class _Campaign:
                 break
         return searches
 
+    def _holds(self, search: Search) -> bool:
+        return is_valid(verify(self.problem, search.trajectory))
+
     def _excess(self, search: Search) -> float:
         violations = verify(self.problem, search.trajectory).amount
         return max(violations.values(), default=0.0)
@@ -187,6 +190,10 @@ class _Campaign:
                 if search.outcome is Outcome.INTERRUPTED:
                     kept.outcome = Outcome.INTERRUPTED
                 kept.reason = _stopped(kept.error, search.reason)
+                return kept
+            if not self._holds(search) and self._holds(kept):
+                kept.iterations, kept.solve_s = search.iterations, search.solve_s
+                kept.reason = _stopped(kept.error, "a limit did not hold on finer knots")
                 return kept
             if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
                 kept.gain, kept.iterations, kept.solve_s = search.gain, search.iterations, search.solve_s

@@ -17,7 +17,7 @@ import numpy as np
 
 from energyopt.errors import FileError, SimulationError
 from energyopt.io import save_plan, write_atomic, write_csv, write_joint_trajectory
-from energyopt.plans import Plan
+from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.versions import versions
 
@@ -79,6 +79,7 @@ def run(
     if out is not None:
         prepare_folder(out)
     plan = plan_motion(problem, verbose=verbose, throw=False, **options)
+    figures = figures and plan.status is not Status.INTERRUPTED  # whoever interrupts wants an end
     return judge_and_write(plan, out, replay=replay and plan.solved, figures=figures)
 
 
