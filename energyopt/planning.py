@@ -16,7 +16,7 @@ from energyopt.dynamics import backend
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
 from energyopt.feasibility import check_feasibility
-from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import FramePose, Problem
@@ -33,6 +33,8 @@ FALLBACKS = 3
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
 MOST_LEVELS = 12
+ROUGH_NODES = 10
+"""Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 
 _STATUS = {
     Outcome.INFEASIBLE: Status.INFEASIBLE,
@@ -128,7 +130,7 @@ class _Campaign:
         for guess in islice(source, wanted + FALLBACKS):
             if len(searches) >= wanted and any(s.converged for s in searches):
                 break
-            search = Search(self.problem, self.parameterization.space(self.problem.duration), self.kernels, guess, self.options)
+            search = Search(self.problem, self._space(), self.kernels, guess, self.options)
             search.advance()
             searches.append(search)
             if search.outcome in _STOP:
@@ -169,6 +171,11 @@ class _Campaign:
             if searches[-1].outcome is not Outcome.INFEASIBLE:
                 break
         return searches
+
+    def _space(self) -> MotionSpace:
+        """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
+        rough = isinstance(self.parameterization, BSpline) and np.any(self.problem.robot.dynamics.coulomb_friction)
+        return self.parameterization.space(self.problem.duration, **({"nodes": ROUGH_NODES} if rough else {}))
 
     def _holds(self, search: Search) -> bool:
         return is_valid(verify(self.problem, search.trajectory))

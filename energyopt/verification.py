@@ -51,6 +51,10 @@ LIMIT_NAMES = ("position", "velocity", "acceleration", "jerk", "torque_percent",
 """The entries that are limits; the others are conditions on the motion's ends and on what it passes."""
 
 
+COULOMB_NODES = 40
+"""Least Gauss nodes a span of `cost` where there is Coulomb friction: it changes sign within a short part of a span."""
+
+
 def verify(problem: Problem, trajectory: Trajectory, per_span: int = 20) -> Violations:
     """Check a motion against everything its problem asks.
 
@@ -138,6 +142,8 @@ def cost(problem: Problem, trajectory: Trajectory, per_span: int = 6) -> dict[st
     Returns:
         ``torque_squared`` ∫Σwτ² and ``velocity_squared`` ∫Σλq̇², weighted as in J.
     """
+    if np.any(problem.robot.dynamics.coulomb_friction):
+        per_span = max(per_span, COULOMB_NODES)
     torque, velocity = _square_integrals(problem, trajectory, per_span)
     return {
         "torque_squared": float(problem.torque_weights @ torque),

@@ -45,8 +45,8 @@ class BSpline:
         if self.accuracy is not None and not 0 < self.accuracy < 1:
             raise ProblemError(f"BSpline accuracy is {self.accuracy!r}: expected a relative error between 0 and 1, or None")
 
-    def space(self, duration: float) -> SplineSpace:
-        """The splines to start with."""
+    def space(self, duration: float, nodes: int | None = None) -> SplineSpace:
+        """The splines to start with. ``nodes``: of the quadrature in each span; by default the degree."""
         if self.knots is not None:
             breaks = np.array(self.knots, dtype=float)
             if (
@@ -58,9 +58,9 @@ class BSpline:
             ):
                 raise ProblemError(f"BSpline knots: expected at least 5 increasing times from 0 to the duration {duration:g} s")
             breaks[-1] = duration
-            return SplineSpace(breaks, self.degree)
+            return SplineSpace(breaks, self.degree, nodes)
         spans = (self.control_points or self.default_control_points(duration)) - self.degree
-        return SplineSpace(graded_breaks(duration, spans), self.degree)
+        return SplineSpace(graded_breaks(duration, spans), self.degree, nodes)
 
     def default_control_points(self, duration: float) -> int:
         """One span for 0.25 s at most, between 14 and 40 spans; `accuracy` refines from there."""
@@ -86,9 +86,9 @@ class SplineSpace(MotionSpace):
 
     everywhere = True
 
-    def __init__(self, breaks: np.ndarray, degree: int):
+    def __init__(self, breaks: np.ndarray, degree: int, nodes: int | None = None):
         self.breaks = np.asarray(breaks, float)
-        self.degree = degree
+        self.degree, self.nodes = degree, nodes or degree
         self.duration = float(self.breaks[-1])
         self.knots = np.concatenate([np.full(degree, self.breaks[0]), self.breaks, np.full(degree, self.breaks[-1])])
         self.size = len(self.knots) - degree - 1
@@ -107,7 +107,7 @@ class SplineSpace(MotionSpace):
         return columns, values
 
     def quadrature(self):
-        return gauss_on_spans(self.breaks, self.degree)
+        return gauss_on_spans(self.breaks, self.nodes)
 
     def unknowns(self, start, goal):
         nv = len(start.velocity)
@@ -141,7 +141,7 @@ class SplineSpace(MotionSpace):
 
     def refined(self, times: np.ndarray) -> SplineSpace:
         """The space with further knots; it contains this one."""
-        return SplineSpace(np.union1d(self.breaks, times), self.degree)
+        return SplineSpace(np.union1d(self.breaks, times), self.degree, self.nodes)
 
     def _lower_splines(self, t: np.ndarray, span: np.ndarray, degree: int) -> np.ndarray:
         """The degree + 1 splines of a lower degree that do not vanish at each time (Cox–de Boor recursion)."""
