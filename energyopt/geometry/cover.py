@@ -1,0 +1,263 @@
+"""Covering solids by few balls that stick out little.
+
+Given: convex bodies fixed to one another, whose union has the signed distance φ (the least of theirs), and a length ε.
+Wanted: balls (c, r) that contain every point of every body's surface and stick out of the union by at most ε.
+
+- Contained, exactly: each surface is cut into small triangles, and each triangle lies in ONE ball. A ball is convex, so it
+  contains a triangle if it contains the three corners.
+- Sticking out: a point x of the ball is at most |x − c| + φ(c) ≤ r + φ(c) away from the union (for φ(c) < 0: x is that close
+  to the ball of radius −φ(c) about c, which is inside). So excess ≤ r + φ(c), and r = ε − φ(c) is allowed.
+
+Which centres: from candidates inside the bodies, greedily the one whose allowed ball contains the most area not yet
+contained (V. Chvátal, "A Greedy Heuristic for the Set-Covering Problem", 1979). Then balls are dropped one by one as long as
+the others, each moved to where the triangles it answers for need the least excess, can take over. All is deterministic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from energyopt.geometry.hull import Hull
+from energyopt.geometry.shapes import Shape, Sphere
+
+CANDIDATES = 600
+ELEMENT_SHARE = 0.7
+"""Longest edge of the small triangles as a share of ε: finer ones waste less of a ball and cost more time."""
+MAX_TABLE = 20_000_000
+"""Pairs of points and candidates looked at together: bounds the memory where a body is large."""
+TRIES = 6
+"""Balls that are tried for dropping before the search ends; and rounds of moving the others."""
+ROUNDS = 3
+ROUNDING = 1e-9
+"""Added to every radius [m], so that what is contained stays contained after rounding."""
+FINEST_STEP = 5e-4
+"""The search for a centre ends at this step [m]."""
+STEPS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], dtype=float) - 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Cover:
+    """Balls over one set of bodies.
+
+    Attributes:
+        centers: [m], shape (S, 3); radii: [m], shape (S,).
+        excess: upper bound of how far each ball sticks out of the bodies [m], shape (S,).
+        protrusion: largest distance by which the surface leaves the balls [m]; negative or zero.
+    """
+
+    centers: np.ndarray
+    radii: np.ndarray
+    excess: np.ndarray
+    protrusion: float
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Small triangles over surfaces: corner points [m], shape (P, 3), and three indices each, shape (E, 3)."""
+
+    points: np.ndarray
+    corners: np.ndarray
+
+    @staticmethod
+    def of_triangles(triangles: np.ndarray) -> Elements:
+        points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        return Elements(points, index.reshape(-1, 3))
+
+    def some(self, rows: np.ndarray) -> Elements:
+        used, index = np.unique(self.corners[rows], return_inverse=True)
+        return Elements(self.points[used], index.reshape(-1, 3))
+
+    @property
+    def areas(self) -> np.ndarray:
+        a, b, c = (self.points[self.corners[:, k]] for k in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    def reach(self, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """How far each element reaches beyond each ball [m], shape (E, S); contained where ≤ 0."""
+        squares = np.sum(self.points**2, axis=1)[:, None] - 2.0 * self.points @ centers.T + np.sum(centers**2, axis=1)
+        gaps = np.sqrt(np.maximum(squares, 0.0)) - radii
+        return np.maximum(np.maximum(gaps[self.corners[:, 0]], gaps[self.corners[:, 1]]), gaps[self.corners[:, 2]])
+
+
+def cover_bodies(shapes: Sequence[Shape], resolution: float) -> Cover:
+    """Balls that contain the surfaces of all ``shapes`` (in one common frame) and stick out by at most ``resolution`` [m].
+
+    A `Sphere` among the shapes is its own ball.
+    """
+    own = [shape for shape in shapes if isinstance(shape, Sphere)]
+    centers = np.array([shape.pose[:3, 3] for shape in own]).reshape(-1, 3)
+    radii = np.array([shape.radius for shape in own])
+    hulls = [Hull.of_points(posed_points(shape), shape.kind) for shape in shapes if not isinstance(shape, Sphere)]
+    # Round shapes are covered with the polyhedron drawn around them, which sticks out a little by itself.
+    spare = max([0.0, *(float(union_distance(shapes, hull.vertices).max()) for hull in hulls)])
+    limit = max(resolution - spare, 0.5 * resolution)
+    elements = _elements(hulls, own, ELEMENT_SHARE * limit)
+    free = np.flatnonzero(~np.any(elements.reach(centers, radii) <= 0, axis=1))
+    if len(free):
+        found = _Search(elements.some(free), hulls, limit).balls()
+        centers, radii = np.concatenate([centers, found[0]]), np.concatenate([radii, found[1] + ROUNDING])
+    excess = np.maximum(radii + union_distance(shapes, centers), 0.0)
+    protrusion = float(elements.reach(centers, radii).min(axis=1).max()) if len(elements.corners) else 0.0
+    return Cover(centers, radii, excess, protrusion)
+
+
+def union_distance(shapes: Sequence[Shape], points: np.ndarray) -> np.ndarray:
+    """φ, shape (N,): exact outside the union; inside, where bodies overlap, the true depth is at least −φ."""
+    return np.min([shape.distance(points) for shape in shapes], axis=0)
+
+
+def posed_points(shape: Shape) -> np.ndarray:
+    """`Shape.enclosing_points` in the frame that the shape's pose refers to, shape (K, 3)."""
+    pose = shape.pose_at(0.0)
+    return shape.enclosing_points() @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _elements(hulls: list[Hull], balls: list[Sphere], edge: float) -> Elements:
+    """Triangles with edges ≤ ``edge`` [m] over the surfaces, without those hidden inside another body."""
+    kept = [np.empty((0, 3, 3))]
+    for hull in hulls:
+        small = _subdivide(hull.vertices[hull.triangles], edge)
+        depths = [_depth([other], small.reshape(-1, 3)) for other in hulls if other is not hull]
+        depths += [ball.distance(small.reshape(-1, 3)) for ball in balls]
+        hidden = [np.all(depth.reshape(-1, 3) < -ROUNDING, axis=1) for depth in depths]
+        kept.append(small[~np.any(hidden, axis=0)] if hidden else small)
+    return Elements.of_triangles(np.concatenate(kept))
+
+
+def _subdivide(corners: np.ndarray, edge: float) -> np.ndarray:
+    """Halve the longest edge of each triangle (E, 3, 3) until none is longer than ``edge``."""
+    done = []
+    while len(corners):
+        sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        small = sides.max(axis=1) <= edge
+        done.append(corners[small])
+        rows, first = corners[~small], sides.argmax(axis=1)[~small]
+        a, b, c = (rows[np.arange(len(rows)), (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
+def _depth(hulls: list[Hull], points: np.ndarray) -> np.ndarray:
+    """φ of polyhedra for points inside; outside, a positive number that is not the distance."""
+    return np.min([np.max(points @ hull.normals.T - hull.offsets, axis=1) for hull in hulls], axis=0)
+
+
+class _Search:
+    """The search for balls over the elements of one union of polyhedra; ``limit`` is the excess allowed."""
+
+    def __init__(self, elements: Elements, hulls: list[Hull], limit: float):
+        self.elements, self.hulls, self.limit = elements, hulls, limit
+
+    def balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres (S, 3) and radii (S,)."""
+        centers = self._greedy()
+        owner = self._owner(centers)
+        centers = self._fewer(self._moved(centers, owner, np.unique(owner)))
+        for _ in range(ROUNDS):
+            owner = self._owner(centers)
+            centers = self._moved(centers, owner, np.unique(owner))
+        owner = self._owner(centers)
+        used = np.unique(owner)
+        radii = [np.linalg.norm(self._answers_for(owner, k) - centers[k], axis=1).max() for k in used]
+        return centers[used], np.array(radii)
+
+    def _allowed(self, centers: np.ndarray) -> np.ndarray:
+        """Radii (S,) that stick out by the limit; centres outside the bodies are not used."""
+        depth = _depth(self.hulls, centers)
+        return np.where(depth <= 0, self.limit - depth, 0.0)
+
+    def _owner(self, centers: np.ndarray) -> np.ndarray:
+        """The ball that contains each element with most to spare, shape (E,)."""
+        return self.elements.reach(centers, self._allowed(centers)).argmin(axis=1)
+
+    def _answers_for(self, owner: np.ndarray, ball: int) -> np.ndarray:
+        return self.elements.points[np.unique(self.elements.corners[owner == ball])]
+
+    def _greedy(self) -> np.ndarray:
+        centers = self._candidates()
+        table = (self.elements.reach(centers, self._allowed(centers)) <= 0).T.astype(np.float32)
+        left, chosen = self.elements.areas.astype(np.float32) + np.float32(1e-12), []
+        while left.any():
+            chosen.append(int((table @ left).argmax()))
+            left = left * (1.0 - table[chosen[-1]])
+        return centers[chosen]
+
+    def _candidates(self) -> np.ndarray:
+        """Points inside the bodies: evenly through the bounding box of each, between its corners, and at its surface.
+
+        The last are the first corners of the elements that the others miss, moved inside by a hair. A ball of the allowed
+        excess about such a point contains its element, whose edges are shorter: so the candidates contain everything.
+        """
+        found = []
+        share = max(50, min(CANDIDATES, MAX_TABLE // len(self.elements.points)) // len(self.hulls))
+        for k, hull in enumerate(self.hulls):
+            low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
+            even = low + qmc.Halton(3, scramble=False).random(4 * share) * (high - low)
+            rng = np.random.default_rng(k)
+            mixed = hull.vertices[rng.integers(len(hull.vertices), size=(share, 4))]
+            found += [even[_depth([hull], even) < 0][:share], np.einsum("nk,nki->ni", rng.dirichlet(np.ones(4), share), mixed)]
+        inner = np.concatenate(found)
+        missed = np.flatnonzero(self.elements.reach(inner, self._allowed(inner)).min(axis=1) > 0)
+        return np.concatenate([inner, self._inward(self.elements.points[self.elements.corners[missed, 0]])])
+
+    def _inward(self, points: np.ndarray) -> np.ndarray:
+        """Points of the surface moved a little towards the middle of the body they are on."""
+        if len(points) == 0:
+            return points
+        body = np.argmin([np.abs(_depth([hull], points)) for hull in self.hulls], axis=0)
+        way = np.array([hull.center for hull in self.hulls])[body] - points
+        return points + way * np.minimum(1e-3, 0.05 * self.limit / np.linalg.norm(way, axis=1))[:, None]
+
+    def _fewer(self, centers: np.ndarray) -> np.ndarray:
+        """Drop balls, those least alone at their work first, as long as the others can take over."""
+        while len(centers) > 1:
+            inside = self.elements.reach(centers, self._allowed(centers)) <= 0
+            alone = np.sum(inside & (inside.sum(axis=1) == 1)[:, None], axis=0)
+            for k in np.argsort(alone, kind="stable")[:TRIES]:
+                moved = self._taken_over(np.delete(centers, k, axis=0))
+                if moved is not None:
+                    centers = moved
+                    break
+            else:
+                return centers
+        return centers
+
+    def _taken_over(self, centers: np.ndarray) -> np.ndarray | None:
+        """The centres moved so that everything is contained, or None where that fails."""
+        for _ in range(ROUNDS + 1):
+            reach = self.elements.reach(centers, self._allowed(centers))
+            owner = reach.argmin(axis=1)
+            open_ = reach[np.arange(len(owner)), owner] > 0
+            if not open_.any():
+                return centers
+            centers = self._moved(centers, owner, np.unique(owner[open_]))
+        return None
+
+    def _moved(self, centers: np.ndarray, owner: np.ndarray, balls: Iterable[int]) -> np.ndarray:
+        """The centres, those of ``balls`` moved to where their elements need the least excess."""
+        moved = centers.copy()
+        for k in balls:
+            moved[k] = self._best_center(self._answers_for(owner, k), centers[k])
+        return moved
+
+    def _best_center(self, points: np.ndarray, center: np.ndarray) -> np.ndarray:
+        """The point near ``center`` from which a ball over ``points`` sticks out least: a pattern search, ever finer."""
+
+        def excess(c: np.ndarray) -> np.ndarray:
+            squares = np.sum(points**2, axis=1) - 2.0 * c @ points.T + np.sum(c**2, axis=1)[:, None]
+            depth = _depth(self.hulls, c)
+            return np.where(depth < 0, np.sqrt(np.maximum(squares.max(axis=1), 0.0)) + depth, np.inf)
+
+        best, value, step = center, excess(center[None])[0], 0.5 * self.limit
+        while step > FINEST_STEP:
+            values = excess(best + step * STEPS)
+            if values.min() < value - 1e-6:
+                best, value = best + step * STEPS[values.argmin()], values.min()
+            else:
+                step *= 0.5
+        return best

@@ -1,0 +1,216 @@
+"""CollisionScene: exact distances between the bodies of a robot and obstacles, and between its own links, through ``coal``.
+
+For judging motions, not for planning them: the bodies are the convex solids of the collision geometry itself. Balls around
+bodies give lower bounds for all pairs and configurations at once; coal is asked only where those do not settle the matter.
+
+Between two instants the distance of a pair cannot change faster than its bodies move:
+
+    |d/dt distance| ≤ Σ_v rate_v |q̇_v| + speed of the obstacle,
+
+which is what conservative advancement needs (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, §2.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from energyopt.errors import GeometryError
+from energyopt.geometry.bodies import Attached, Body, collision_bodies
+from energyopt.geometry.kinematics import configurations, joint_placements, travel_bounds
+from energyopt.geometry.shapes import Shape
+from energyopt.robots.messages import did_you_mean, shown
+from energyopt.robots.model import RobotModel
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The nearest pair at one instant.
+
+    Attributes:
+        distance: [m]; negative is the depth of penetration.
+        first: link, or name of what is attached; second: another link, or the obstacle.
+    """
+
+    distance: float
+    first: str
+    second: str
+
+
+class CollisionScene:
+    """A robot among obstacles, ready to be asked for distances at many configurations and times.
+
+    A pair is a moving body of the robot and an obstacle, or two bodies of links that are to be kept apart. Bodies that never
+    move are not checked against obstacles: no plan could change anything.
+
+    Attributes:
+        pairs: names (first, second) of every pair, length P.
+        rate_bounds: rate of each pair, shape (P, nv) [m/rad].
+        speed_bounds: of the obstacle of each pair [m/s], shape (P,); zero for pairs of links.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        obstacles: Sequence[Shape] = (),
+        self_pairs: Sequence[tuple[str, str]] = (),
+        attached: Sequence[Attached] = (),
+    ):
+        """``self_pairs``: names of links, and of what is attached, to be kept apart.
+
+        Raises:
+            GeometryError: an obstacle is no shape, or a pair names a link without geometry.
+        """
+        self.robot, self.obstacles = robot, tuple(obstacles)
+        for obstacle in self.obstacles:
+            if not isinstance(obstacle, Shape):
+                raise GeometryError(f"obstacles: holds {shown(obstacle)}; expected shapes such as energyopt.Sphere(radius, pose)")
+        self.bodies = collision_bodies(robot, attached)
+        self._ball_center, self._ball_radius = _balls(self.bodies)
+        self._index = self._pair_indices(self_pairs)
+        names = [body.link for body in self.bodies] + obstacle_names(self.obstacles)
+        self.pairs = tuple((names[i], names[j]) for i, j in self._index)
+        self.rate_bounds = self._rates()
+        speeds = np.array([0.0] * len(self.bodies) + [obstacle.speed_bound() for obstacle in self.obstacles])
+        self.speed_bounds = speeds[self._index[:, 1]]
+        self._geometry = self._geometry_model()
+        self._data, self._geometry_data = robot.model.createData(), pin.GeometryData(self._geometry)
+
+    def distances(self, q: ArrayLike, t: ArrayLike = 0.0, cutoff: float = np.inf) -> np.ndarray:
+        """Distance of every pair [m], shape (N, P).
+
+        Args:
+            q: configurations [rad], shape (N, nv); t: one time, or one a configuration [s].
+            cutoff: where a pair is surely farther apart than this [m], a lower bound of its distance is returned instead.
+        """
+        q, t, bounds = self._prepared(q, t)
+        for n, row in enumerate(bounds):
+            near = np.flatnonzero(row <= cutoff)
+            if len(near):
+                self._place(q[n], t[n])
+                row[near] = [self._exact(k) for k in near]
+        return bounds
+
+    def closest(self, q: ArrayLike, t: ArrayLike = 0.0) -> list[Closest]:
+        """The nearest pair of each configuration, length N; arguments as of `distances`.
+
+        Raises:
+            GeometryError: there is no pair at all.
+        """
+        if not self.pairs:
+            raise GeometryError(f"{self.robot.name}: nothing to keep apart; expected obstacles, or pairs of links with geometry")
+        q, t, bounds = self._prepared(q, t)
+        found = []
+        for n, row in enumerate(bounds):
+            self._place(q[n], t[n])
+            best, which = np.inf, 0
+            for k in np.argsort(row, kind="stable"):
+                if row[k] >= best:
+                    break
+                distance = self._exact(k)
+                if distance < best:
+                    best, which = distance, k
+            found.append(Closest(float(best), *self.pairs[which]))
+        return found
+
+    def _prepared(self, q: ArrayLike, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q = configurations(self.robot.model, q)
+        t = np.broadcast_to(np.asarray(t, dtype=float), len(q))
+        return q, t, self._lower_bounds(q, t)
+
+    def _lower_bounds(self, q: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """From the balls around bodies, shape (N, P)."""
+        joint = np.array([body.joint for body in self.bodies], dtype=int)
+        rotation, position = joint_placements(self.robot.model, q)
+        center = position[:, joint] + np.einsum("nbij,bj->nbi", rotation[:, joint], self._ball_center)
+        bounds, count = np.empty((len(q), len(self._index))), len(self.bodies)
+        own = np.flatnonzero(self._index[:, 1] < count)
+        first, second = self._index[own].T
+        gap = np.linalg.norm(center[:, first] - center[:, second], axis=2)
+        bounds[:, own] = gap - self._ball_radius[first] - self._ball_radius[second]
+        for k, obstacle in enumerate(self.obstacles):
+            rows = np.flatnonzero(self._index[:, 1] == count + k)
+            first = self._index[rows, 0]
+            distance = obstacle.distance(center[:, first].reshape(-1, 3), np.repeat(t, len(first)))
+            bounds[:, rows] = distance.reshape(len(q), -1) - self._ball_radius[first]
+        return bounds
+
+    def _place(self, q: np.ndarray, t: float) -> None:
+        for k, obstacle in enumerate(self.obstacles):
+            if obstacle.moves:
+                self._geometry.geometryObjects[len(self.bodies) + k].placement = pin.SE3(obstacle.pose_at(t))
+        pin.updateGeometryPlacements(self.robot.model, self._data, self._geometry, self._geometry_data, q)
+
+    def _exact(self, pair: int) -> float:
+        return pin.computeDistance(self._geometry, self._geometry_data, int(pair)).min_distance
+
+    def _pair_indices(self, self_pairs: Sequence[tuple[str, str]]) -> np.ndarray:
+        by_link: dict[str, list[int]] = {}
+        for k, body in enumerate(self.bodies):
+            by_link.setdefault(body.link, []).append(k)
+        pairs = [
+            (k, len(self.bodies) + j) for k, body in enumerate(self.bodies) if body.joint for j in range(len(self.obstacles))
+        ]
+        for first, second in self_pairs:
+            for name in (first, second):
+                if name not in by_link:
+                    raise GeometryError(f"self_pairs: no link with geometry named '{name}'; {did_you_mean(str(name), by_link)}")
+            pairs += product(by_link[first], by_link[second])
+        return np.array(pairs, dtype=int).reshape(-1, 2)
+
+    def _rates(self) -> np.ndarray:
+        """Joints that move both bodies of a pair alike do not change their distance."""
+        model = self.robot.model
+        joint = np.array([body.joint for body in self.bodies], dtype=int)
+        single = np.zeros((len(self.bodies) + len(self.obstacles), model.nv))
+        single[: len(self.bodies)] = travel_bounds(model, joint, self._ball_center, self._ball_radius)
+        first, second = single[self._index[:, 0]], single[self._index[:, 1]]
+        moves = np.zeros(single.shape, bool)
+        for k, j in enumerate(joint):
+            moves[k, [model.joints[i].idx_v for i in model.supports[int(j)] if i > 0]] = True
+        both = moves[self._index[:, 0]] & moves[self._index[:, 1]]
+        return np.where(both, 0.0, first + second)
+
+    def _geometry_model(self) -> pin.GeometryModel:
+        geometry = pin.GeometryModel()
+        placed = [(f"body {k}", body.joint, body.shape) for k, body in enumerate(self.bodies)]
+        placed += [(f"obstacle {k}", 0, obstacle) for k, obstacle in enumerate(self.obstacles)]
+        for name, joint, shape in placed:
+            geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(shape.pose_at(0.0)), shape.coal_geometry()))
+        for i, j in self._index:
+            geometry.addCollisionPair(pin.CollisionPair(int(i), int(j)))
+        return geometry
+
+
+def exact_distance(
+    robot: RobotModel,
+    obstacles: Sequence[Shape],
+    q: ArrayLike,
+    t: float = 0.0,
+    self_pairs: Sequence[tuple[str, str]] = (),
+    attached: Sequence[Attached] = (),
+) -> Closest:
+    """The nearest pair of a robot at one configuration ``q`` (nv,); for many, make one `CollisionScene` and ask it."""
+    return CollisionScene(robot, obstacles, self_pairs, attached).closest(q, t)[0]
+
+
+def obstacle_names(obstacles: Sequence[Shape]) -> list[str]:
+    """A name for each: its own, else its kind and its number from 1."""
+    return [obstacle.name or f"{obstacle.kind} {k + 1}" for k, obstacle in enumerate(obstacles)]
+
+
+def _balls(bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray]:
+    """A ball around each body in its joint's frame: centre [m] (B, 3), radius [m] (B,)."""
+    centers, radii = np.empty((len(bodies), 3)), np.empty(len(bodies))
+    for k, body in enumerate(bodies):
+        points = body.shape.enclosing_points()
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        pose = body.shape.pose_at(0.0)
+        centers[k] = pose[:3, :3] @ middle + pose[:3, 3]
+        radii[k] = np.linalg.norm(points - middle, axis=1).max()
+    return centers, radii
