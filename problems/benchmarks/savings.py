@@ -23,7 +23,7 @@ MEASURES = "savings of planned motions against ordinary motions of the same dura
 
 def main() -> int:
     made = parser("savings", MEASURES)
-    made.add_argument("--robots", nargs="+", default=["panda", "ur5", "xarm7", "baxter_left"], metavar="NAME")
+    made.add_argument("--robots", nargs="+", default=["panda", "ur5", "xarm7", "baxter"], metavar="NAME")
     made.add_argument("--problems", type=int, default=20, metavar="N", help="moves a robot")
     parsed = made.parse_args()
     results = {name: _robot(name, parsed.problems, parsed.seed) for name in parsed.robots}
