@@ -10,6 +10,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +76,18 @@ def collision_bodies(robot: RobotModel, attached: Sequence[Attached] = ()) -> tu
     Raises:
         GeometryError: a mesh is damaged; the message names the link. RobotError: a mesh file is missing; no such frame.
     """
+    return (*_own_bodies(robot), *(_fixed(robot, item.name, item.frame or robot.tool_frame, item.shape) for item in attached))
+
+
+@lru_cache(maxsize=8)
+def _own_bodies(robot: RobotModel) -> tuple[Body, ...]:
     root = ET.fromstring(robot.urdf)
     bodies = []
     for link in root.findall("link"):
         for element in link.findall(geometry_tag(root)):
             for shape in _shapes(robot, link.get("name"), element):
                 bodies.append(_fixed(robot, link.get("name"), link.get("name"), shape))
-    return (*bodies, *(_fixed(robot, item.name, item.frame or robot.tool_frame, item.shape) for item in attached))
+    return tuple(bodies)
 
 
 def geometry_tag(root: ET.Element) -> str:

@@ -1,8 +1,9 @@
 """SphereModel: a robot as spheres, from its collision geometry.
 
 Every point of every collision mesh lies inside a sphere of its link (protrusion ≤ 0, exactly: see `cover`), and no sphere
-sticks out of its link by more than the resolution (or, where a link never moves, by 5 % of its extent). A motion that keeps the
-spheres clear keeps the robot clear; how much room that wastes is reported link by link.
+sticks out of its link by more than the resolution; small links, such as fingers, are covered finer in proportion, and links
+that never move coarser. A motion that keeps the spheres clear keeps the robot clear; how much room that wastes is reported
+link by link.
 """
 
 from __future__ import annotations
@@ -33,8 +34,10 @@ from energyopt.robots.messages import shown
 from energyopt.robots.model import RobotModel
 
 RESOLUTION = 0.02
-"""Default of how far a sphere may stick out of its link [m]: about 90 spheres on a Panda."""
+"""Default of how far a sphere may stick out of its link [m]: about 100 spheres on a Panda."""
 FINEST = 2e-3
+SMALL_SHARE, SMALLEST = 0.1, 5e-3
+"""Spheres stick out of a small link by at most this share of its extent, or 5 mm: it is fingers that go close to things."""
 FIXED_SHARE = 0.05
 """Links that never move are often large (pedestals, torsos): their spheres may stick out by this share of their extent."""
 
@@ -102,7 +105,8 @@ def robot_spheres(
 
     Args:
         robot: any robot; its URDF's collision meshes and primitives count (see `bodies`).
-        resolution: how far a sphere may stick out of its link [m]; smaller means more spheres.
+        resolution: how far a sphere may stick out of its link [m]; smaller means more spheres. Of a link less than ten times
+            as large, a tenth of its extent, but not less than 5 mm.
         inflation: added to every radius [m].
         attached: tools and grasped objects.
 
@@ -165,10 +169,11 @@ def _compute(robot: RobotModel, resolution: float, attached: Sequence[Attached])
 
 def _cover_link(bodies: Sequence[Body], resolution: float) -> Cover:
     shapes = [body.shape for body in bodies]
+    points = np.concatenate([posed_points(shape) for shape in shapes])
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if bodies[0].joint == 0:
-        points = np.concatenate([posed_points(shape) for shape in shapes])
-        resolution = max(resolution, FIXED_SHARE * float(np.linalg.norm(np.ptp(points, axis=0))))
-    return cover_bodies(shapes, resolution)
+        return cover_bodies(shapes, max(resolution, FIXED_SHARE * extent))
+    return cover_bodies(shapes, min(resolution, max(SMALL_SHARE * extent, SMALLEST)))
 
 
 def mean_excess(cover: Cover, shapes: Sequence[Shape]) -> float:

@@ -1,7 +1,8 @@
 """What the benchmark scripts share: random moves, clocks, the machine they run on, and how results are printed and written.
 
 Machines are rarely idle, so times are taken by two clocks: wall time, which a user waits for, and processor time of this
-process, which does not count what other programs do meanwhile (caches and frequencies are still shared with them).
+process and its threads, which does not count what other programs do meanwhile (caches and frequencies are still shared with
+them; the least of several repeats suffers least).
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def _arguments():
     made.add_argument("--robot", default="panda")
     made.add_argument("--problems", type=int, default=20, metavar="N")
     made.add_argument("--repeats", type=int, default=5, metavar="N", help="timed plans a problem, by either clock")
-    made.add_argument("--rivals", type=int, default=10, metavar="N", help="problems on which the textbook runs too (seconds each)")
+    made.add_argument("--rivals", type=int, default=10, metavar="N", help="problems on which the textbook runs too")
     made.add_argument("--variants", nargs="*", choices=VARIANTS, default=[v for v in VARIANTS if v != "map_jit"], metavar="NAME",
                       help=f"of the textbook: {', '.join(VARIANTS)} (the last needs a C compiler and minutes)")  # fmt: skip
     made.add_argument("--control-points", type=int, default=16, metavar="N")
