@@ -11,7 +11,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "dynamics",
     "robots",
     "geometry",
-    "problem parameterizations",
+    "problem problem_values parameterizations",
     "sampling waypoints plans solvers",
     "limit_checks baselines inverse_kinematics feasibility transcription",
     "verification seeds refinement",

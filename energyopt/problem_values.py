@@ -1,0 +1,142 @@
+"""The values of a problem, checked one by one: each function gives a clean value or a one-line `ProblemError` that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from energyopt.errors import ProblemError
+
+DURATION_RANGE = (1e-3, 1e4)
+"""Durations [s] accepted: outside, the numbers of J leave the range of double precision."""
+
+
+def vector(key: str, value: ArrayLike, size: int, scalar: bool = True) -> np.ndarray:
+    """A finite float vector of the given size; one number fills it where ``scalar``. Read-only."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ProblemError(f"{key}: expected {size} numbers, got {value!r}") from None
+    if array.ndim == 0 and scalar:
+        array = np.full(size, float(array))
+    if array.shape != (size,):
+        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
+        raise ProblemError(f"{key}: expected {size} numbers, got {got}")
+    bad = np.flatnonzero(np.isnan(array) | (np.isinf(array) if not key.endswith("limits") else False))
+    if bad.size:
+        raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]}: expected a finite number")
+    array.flags.writeable = False
+    return array
+
+
+def non_negative(key: str, value: ArrayLike, size: int) -> np.ndarray:
+    """A vector of weights ≥ 0."""
+    array = vector(key, value, size)
+    bad = np.flatnonzero(array < 0)
+    if bad.size:
+        raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number ≥ 0 (a negative weight rewards waste)")
+    return array
+
+
+def positive(key: str, value: ArrayLike, size: int) -> np.ndarray:
+    """A vector of limits > 0."""
+    array = vector(key, value, size)
+    bad = np.flatnonzero(array <= 0)
+    if bad.size:
+        raise ProblemError(
+            f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number > 0 (leave the key out for no limit of its own)"
+        )
+    return array
+
+
+def interval(key: str, value: tuple[ArrayLike, ArrayLike], size: int) -> tuple[np.ndarray, np.ndarray]:
+    """A pair of vectors, the first below the second."""
+    try:
+        low, high = value
+    except (TypeError, ValueError):
+        raise ProblemError(f"{key}: expected a pair (lower, upper), got {value!r}") from None
+    lower, upper = vector(f"{key}", low, size), vector(f"{key}", high, size)
+    bad = np.flatnonzero(lower >= upper)
+    if bad.size:
+        i = bad[0]
+        raise ProblemError(f"{key}[{i}]: lower {lower[i]:g} is not below upper {upper[i]:g}")
+    return lower, upper
+
+
+def duration(value: float) -> float:
+    """T [s], one number inside `DURATION_RANGE`."""
+    low, high = DURATION_RANGE
+    try:
+        time = float(value)
+    except (TypeError, ValueError):
+        raise ProblemError(f"duration: expected seconds, one number, got {value!r}") from None
+    if not low <= time <= high:
+        raise ProblemError(f"duration is {time:g} s: expected between {low:g} and {high:g} s")
+    return time
+
+
+def rotation(value: ArrayLike) -> np.ndarray:
+    """A rotation matrix, shape (3, 3), from one or from a unit quaternion (w, x, y, z)."""
+    array = np.array(value, dtype=float)
+    if array.shape == (4,):
+        norm = np.linalg.norm(array)
+        if not abs(norm - 1.0) < 1e-3:
+            raise ProblemError(f"goal rotation: quaternion (w, x, y, z) has norm {norm:g}, expected 1")
+        w, x, y, z = array / norm
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+    if array.shape != (3, 3) or not np.allclose(array @ array.T, np.eye(3), atol=1e-6) or np.linalg.det(array) < 0:
+        raise ProblemError("goal rotation: expected a 3×3 rotation matrix or a unit quaternion (w, x, y, z)")
+    return array
+
+
+def seconds(key: str, value: float) -> float:
+    """One finite number of seconds."""
+    try:
+        time = float(value)
+    except (TypeError, ValueError):
+        raise ProblemError(f"{key}: expected seconds, one number, got {value!r}") from None
+    if not np.isfinite(time):
+        raise ProblemError(f"{key} is {time:g}: expected a finite number of seconds")
+    return time
+
+
+def waypoints(values: Sequence, nv: int, duration: float, kind: Callable) -> tuple:
+    """Waypoints as ``kind(position, time)``, their times rising inside (0, duration).
+
+    Args:
+        values: instances of ``kind``, positions [rad] of shape (nv,), or pairs (position, time [s]).
+        nv: joints of the arm.
+        duration: T [s].
+        kind: the class of a waypoint.
+    """
+    try:
+        listed = list(values)
+    except TypeError:
+        raise ProblemError(f"waypoints: expected a list of configurations of {nv} numbers, got {values!r}") from None
+    made, latest = [], 0.0
+    for k, value in enumerate(listed):
+        key = f"waypoints[{k}]"
+        if isinstance(value, kind):
+            position, time = value.position, value.time
+        elif isinstance(value, tuple) and len(value) == 2 and np.ndim(value[0]) == 1:
+            position, time = value
+        else:
+            position, time = value, None
+        position = vector(key, position, nv, scalar=False)
+        if time is not None:
+            time = seconds(f"{key}.time", time)
+            if not latest < time < duration:
+                raise ProblemError(
+                    f"{key}: time {time:g} s is not between {latest:g} s (what comes before) and the duration {duration:g} s"
+                )
+            latest = time
+        made.append(kind(position, time))
+    return tuple(made)
