@@ -34,7 +34,8 @@ class FramePose:
     rotation: np.ndarray | None = None
 
     def __post_init__(self):
-        object.__setattr__(self, "position", values.vector("goal position", self.position, 3))
+        values.text("goal frame", self.frame, "the name of a link or joint")
+        object.__setattr__(self, "position", values.vector("goal position", self.position, 3, scalar=False))
         if self.rotation is not None:
             object.__setattr__(self, "rotation", values.rotation(self.rotation))
 
@@ -50,6 +51,11 @@ class Waypoint:
 
     position: np.ndarray
     time: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "position", values.configuration("waypoint position", self.position))
+        if self.time is not None:
+            object.__setattr__(self, "time", values.seconds("waypoint time", self.time))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +100,7 @@ class Problem:
 
     def __post_init__(self):
         if not isinstance(self.robot, RobotModel):
-            raise ProblemError(f"robot: expected a robot from energyopt.load_robot, got {type(self.robot).__name__}")
+            raise ProblemError(f"robot is {values.shown(self.robot)}: expected what energyopt.load_robot gives")
         nv = self.robot.nv
         put = lambda key, value: object.__setattr__(self, key, value)
         put("start", values.vector("start", self.start, nv, scalar=False))
@@ -109,6 +115,7 @@ class Problem:
             put(key, values.non_negative(key, getattr(self, key), nv))
         if not (np.any(self.torque_weights > 0) or np.any(self.velocity_weight > 0)):
             raise ProblemError("torque_weights and velocity_weight are all zero: every motion costs nothing; make one positive")
+        values.text("name", self.name, "a name for reports")
         put("waypoints", values.waypoints(self.waypoints, nv, self.duration, Waypoint))
         _ = self.limits
 

@@ -1,8 +1,10 @@
-"""The values of a problem, checked one by one: each function gives a clean value or a one-line `ProblemError` that names it."""
+"""Values that users give, checked one by one: each function gives a clean value or a one-line `ProblemError` that names it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,24 +13,62 @@ from energyopt.errors import ProblemError
 
 DURATION_RANGE = (1e-3, 1e4)
 """Durations [s] accepted: outside, the numbers of J leave the range of double precision."""
+LONGEST_TEXT = 4000
+
+
+def shown(value: Any) -> str:
+    """A value for a message: on one line, and not too long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:79]}…"
+
+
+def whole(key: str, value: Any, low: int, high: int, expected: str = "") -> int:
+    """A whole number from ``low`` to ``high``; True, 3.0 and "3" are none."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not low <= value <= high:
+        raise ProblemError(f"{key} is {shown(value)}: expected {expected or f'a whole number, {low} to {high}'}")
+    return int(value)
+
+
+def real(key: str, value: Any, accepts: Callable[[float], bool], expected: str) -> float:
+    """One number that ``accepts`` accepts; ``expected`` says it in words."""
+    good = isinstance(value, Real) and not isinstance(value, bool) and accepts(float(value))
+    if not good:
+        raise ProblemError(f"{key} is {shown(value)}: expected {expected}")
+    return float(value)
 
 
 def vector(key: str, value: ArrayLike, size: int, scalar: bool = True) -> np.ndarray:
     """A finite float vector of the given size; one number fills it where ``scalar``. Read-only."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ProblemError(f"{key}: expected {size} numbers, got {value!r}") from None
+    array = numbers(key, value, f"{'one number or ' if scalar else ''}{size} numbers")
     if array.ndim == 0 and scalar:
         array = np.full(size, float(array))
     if array.shape != (size,):
-        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
+        got = (
+            f"{array.size} numbers" if array.ndim == 1 else "one number" if not array.ndim else f"an array of shape {array.shape}"
+        )
         raise ProblemError(f"{key}: expected {size} numbers, got {got}")
     bad = np.flatnonzero(np.isnan(array) | (np.isinf(array) if not key.endswith("limits") else False))
     if bad.size:
         raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]}: expected a finite number")
     array.flags.writeable = False
     return array
+
+
+def numbers(key: str, value: ArrayLike, expected: str) -> np.ndarray:
+    """Any array of real numbers as floats; None, texts, truth values and ragged lists are none."""
+    try:
+        array = np.array(value)
+    except (TypeError, ValueError):
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise ProblemError(f"{key} is {shown(value)}: expected {expected}")
+    return array.astype(float)
+
+
+def configuration(key: str, value: ArrayLike) -> np.ndarray:
+    """Finite joint positions of an arm not known yet, shape (n,). Read-only."""
+    array = numbers(key, value, "a list of joint positions")
+    return vector(key, array, array.size, scalar=False)
 
 
 def non_negative(key: str, value: ArrayLike, size: int) -> np.ndarray:
@@ -68,18 +108,13 @@ def interval(key: str, value: tuple[ArrayLike, ArrayLike], size: int) -> tuple[n
 def duration(value: float) -> float:
     """T [s], one number inside `DURATION_RANGE`."""
     low, high = DURATION_RANGE
-    try:
-        time = float(value)
-    except (TypeError, ValueError):
-        raise ProblemError(f"duration: expected seconds, one number, got {value!r}") from None
-    if not low <= time <= high:
-        raise ProblemError(f"duration is {time:g} s: expected between {low:g} and {high:g} s")
-    return time
+    return real("duration", value, lambda t: low <= t <= high, f"one number of seconds, {low:g} to {high:g}")
 
 
 def rotation(value: ArrayLike) -> np.ndarray:
     """A rotation matrix, shape (3, 3), from one or from a unit quaternion (w, x, y, z)."""
-    array = np.array(value, dtype=float)
+    expected = "a 3×3 rotation matrix or a unit quaternion (w, x, y, z)"
+    array = numbers("goal rotation", value, expected)
     if array.shape == (4,):
         norm = np.linalg.norm(array)
         if not abs(norm - 1.0) < 1e-3:
@@ -93,19 +128,20 @@ def rotation(value: ArrayLike) -> np.ndarray:
             ]
         )
     if array.shape != (3, 3) or not np.allclose(array @ array.T, np.eye(3), atol=1e-6) or np.linalg.det(array) < 0:
-        raise ProblemError("goal rotation: expected a 3×3 rotation matrix or a unit quaternion (w, x, y, z)")
+        raise ProblemError(f"goal rotation is {shown(value)}: expected {expected}")
     return array
 
 
 def seconds(key: str, value: float) -> float:
     """One finite number of seconds."""
-    try:
-        time = float(value)
-    except (TypeError, ValueError):
-        raise ProblemError(f"{key}: expected seconds, one number, got {value!r}") from None
-    if not np.isfinite(time):
-        raise ProblemError(f"{key} is {time:g}: expected a finite number of seconds")
-    return time
+    return real(key, value, np.isfinite, "one finite number of seconds")
+
+
+def text(key: str, value: str, meaning: str) -> str:
+    """A text of one line."""
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT or not (value.isprintable()):
+        raise ProblemError(f"{key} is {shown(value)}: expected {meaning}, one line of text")
+    return value
 
 
 def waypoints(values: Sequence, nv: int, duration: float, kind: Callable) -> tuple:
@@ -126,7 +162,7 @@ def waypoints(values: Sequence, nv: int, duration: float, kind: Callable) -> tup
         key = f"waypoints[{k}]"
         if isinstance(value, kind):
             position, time = value.position, value.time
-        elif isinstance(value, tuple) and len(value) == 2 and np.ndim(value[0]) == 1:
+        elif isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], (Sequence, np.ndarray)):
             position, time = value
         else:
             position, time = value, None

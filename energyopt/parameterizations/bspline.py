@@ -10,6 +10,7 @@ and a spline lies inside the convex hull of its coefficients: bounds put on them
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,9 @@ import numpy as np
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory, gauss_on_spans
+from energyopt.problem_values import real, shown, whole
+
+MOST_CONTROL_POINTS = 2000
 
 
 @dataclass(frozen=True)
@@ -36,27 +40,24 @@ class BSpline:
     knots: tuple[float, ...] | None = None
 
     def __post_init__(self):
-        if self.degree not in (3, 4, 5):
-            raise ProblemError(f"BSpline degree is {self.degree!r}: expected 3, 4 or 5")
-        if self.control_points is not None and not self.degree + 4 <= self.control_points <= 2000:
-            raise ProblemError(
-                f"BSpline control_points is {self.control_points!r}: expected {self.degree + 4} to 2000 for degree {self.degree}"
-            )
-        if self.accuracy is not None and not 0 < self.accuracy < 1:
-            raise ProblemError(f"BSpline accuracy is {self.accuracy!r}: expected a relative error between 0 and 1, or None")
+        put = lambda key, value: object.__setattr__(self, key, value)
+        put("degree", whole("BSpline degree", self.degree, 3, 5, "3, 4 or 5"))
+        if self.control_points is not None:
+            least, most = self.degree + 4, MOST_CONTROL_POINTS
+            expected = f"{least} to {most} for degree {self.degree} (a whole number), or None"
+            put("control_points", whole("BSpline control_points", self.control_points, least, most, expected))
+        if self.accuracy is not None:
+            expected = "a relative error between 0 and 1, or None"
+            put("accuracy", real("BSpline accuracy", self.accuracy, lambda x: 0 < x < 1, expected))
+        if self.knots is not None:
+            put("knots", _breakpoints(self.knots))
 
     def space(self, duration: float, nodes: int | None = None) -> SplineSpace:
         """The splines to start with. ``nodes``: of the quadrature in each span; by default the degree."""
         if self.knots is not None:
-            breaks = np.array(self.knots, dtype=float)
-            if (
-                breaks.ndim != 1
-                or len(breaks) < 5
-                or np.any(np.diff(breaks) <= 0)
-                or breaks[0] != 0
-                or abs(breaks[-1] - duration) > 1e-9 * duration
-            ):
-                raise ProblemError(f"BSpline knots: expected at least 5 increasing times from 0 to the duration {duration:g} s")
+            breaks = np.array(self.knots)
+            if abs(breaks[-1] - duration) > 1e-9 * duration:
+                raise ProblemError(f"BSpline knots end at {breaks[-1]:g} s: expected the duration {duration:g} s")
             breaks[-1] = duration
             return SplineSpace(breaks, self.degree, nodes)
         spans = (self.control_points or self.default_control_points(duration)) - self.degree
@@ -65,6 +66,20 @@ class BSpline:
     def default_control_points(self, duration: float) -> int:
         """One span for 0.25 s at most, between 14 and 40 spans; `accuracy` refines from there."""
         return self.degree + int(np.clip(np.ceil(duration / 0.25), 14, 40))
+
+
+def _breakpoints(given: Sequence[float]) -> tuple[float, ...]:
+    """The ``knots`` of a `BSpline` as numbers; that they end at the duration is seen later."""
+    try:
+        breaks = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        breaks = np.empty(0)
+    rising = breaks.ndim == 1 and 5 <= len(breaks) <= MOST_CONTROL_POINTS and breaks[0] == 0 and np.all(np.diff(breaks) > 0)
+    if not rising or not np.isfinite(breaks).all():
+        raise ProblemError(
+            f"BSpline knots is {shown(given)}: expected increasing times [s] from 0 to the duration, 5 to {MOST_CONTROL_POINTS}"
+        )
+    return tuple(breaks.tolist())
 
 
 def graded_breaks(duration: float, spans: int, ratio: float = 0.25) -> np.ndarray:

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.errors import ProblemError
 from energyopt.parameterizations.bspline import graded_breaks
 from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
+from energyopt.problem_values import whole
 
 _DEFECTS = (  # entries (point: 0 start, 1 middle, 2 end; derivative order; power of h; factor), one defect a line
     ((1, 2, 0, 1.0), (0, 2, 0, -0.5), (2, 2, 0, -0.5)),
@@ -48,8 +48,8 @@ class HermiteSimpson:
     intervals: int = 40
 
     def __post_init__(self):
-        if not 4 <= self.intervals <= 500:  # three have no more freedom than the six boundary conditions take
-            raise ProblemError(f"HermiteSimpson intervals is {self.intervals!r}: expected 4 to 500")
+        # three have no more freedom than the six boundary conditions take
+        object.__setattr__(self, "intervals", whole("HermiteSimpson intervals", self.intervals, 4, 500))
 
     def space(self, duration: float) -> HermiteSimpsonSpace:
         return HermiteSimpsonSpace(graded_breaks(duration, self.intervals))

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import SinusoidTrajectory, Trajectory, gauss_on_spans
+from energyopt.problem_values import whole
 
 _HERMITE = np.array(
     [  # ascending powers of s: velocity and acceleration at 0, velocity and acceleration at 1
@@ -38,8 +38,7 @@ class Sinusoid:
     harmonics: int = 6
 
     def __post_init__(self):
-        if not 0 <= self.harmonics <= 64:
-            raise ProblemError(f"Sinusoid harmonics is {self.harmonics!r}: expected 0 to 64")
+        object.__setattr__(self, "harmonics", whole("Sinusoid harmonics", self.harmonics, 0, 64))
 
     def space(self, duration: float) -> SinusoidSpace:
         return SinusoidSpace(duration, self.harmonics)
