@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -50,8 +51,14 @@ class CollisionScene:
 
     Attributes:
         pairs: names (first, second) of every pair, length P.
+        indices: of the bodies of every pair, shape (P, 2); obstacles are numbered after the bodies of the robot.
+        index: the same as numbers of bodies, those of obstacles counted on, shape (P, 2).
         rate_bounds: rate of each pair, shape (P, nv) [m/rad].
         speed_bounds: of the obstacle of each pair [m/s], shape (P,); zero for pairs of links.
+        bodies, obstacles: what is looked at.
+        body_joint: joint of each body, shape (B,); ball_center, ball_radius: a ball around it in that joint's frame [m].
+        carried: which joints move a body, shape (B, nv).
+        relative: which joints move one body of a pair and not the other, shape (P, nv).
     """
 
     def __init__(
@@ -71,15 +78,28 @@ class CollisionScene:
             if not isinstance(obstacle, Shape):
                 raise GeometryError(f"obstacles: holds {shown(obstacle)}; expected shapes such as energyopt.Sphere(radius, pose)")
         self.bodies = collision_bodies(robot, attached)
-        self._ball_center, self._ball_radius = _balls(self.bodies)
-        self._index = self._pair_indices(self_pairs)
+        self.body_joint = np.array([body.joint for body in self.bodies], dtype=int)
+        self.ball_center, self.ball_radius = _balls(self.bodies)
+        self.index = self._pair_indices(self_pairs)
         names = [body.link for body in self.bodies] + obstacle_names(self.obstacles)
-        self.pairs = tuple((names[i], names[j]) for i, j in self._index)
-        self.rate_bounds = self._rates()
+        self.pairs = tuple((names[i], names[j]) for i, j in self.index)
+        self.carried = _carried(robot.model, self.body_joint)
+        still = np.zeros((len(self.obstacles), robot.nv), bool)
+        moves = np.concatenate([self.carried, still])
+        self.relative = moves[self.index[:, 0]] != moves[self.index[:, 1]]
+        single = travel_bounds(robot.model, self.body_joint, self.ball_center, self.ball_radius)
+        single = np.concatenate([single, still])
+        # Joints that move both bodies of a pair alike do not change their distance.
+        self.rate_bounds = self.relative * (single[self.index[:, 0]] + single[self.index[:, 1]])
         speeds = np.array([0.0] * len(self.bodies) + [obstacle.speed_bound() for obstacle in self.obstacles])
-        self.speed_bounds = speeds[self._index[:, 1]]
+        self.speed_bounds = speeds[self.index[:, 1]]
         self._geometry = self._geometry_model()
         self._data, self._geometry_data = robot.model.createData(), pin.GeometryData(self._geometry)
+
+    def exact(self, q: np.ndarray, t: float, pairs: np.ndarray) -> np.ndarray:
+        """Distances [m], shape (M,), of some pairs, by number, at one configuration ``q`` (nv,) and time [s]."""
+        self._place(q, t)
+        return np.array([self._exact(k) for k in pairs])
 
     def distances(self, q: ArrayLike, t: ArrayLike = 0.0, cutoff: float = np.inf) -> np.ndarray:
         """Distance of every pair [m], shape (N, P).
@@ -92,12 +112,11 @@ class CollisionScene:
         for n, row in enumerate(bounds):
             near = np.flatnonzero(row <= cutoff)
             if len(near):
-                self._place(q[n], t[n])
-                row[near] = [self._exact(k) for k in near]
+                row[near] = self.exact(q[n], t[n], near)
         return bounds
 
-    def closest(self, q: ArrayLike, t: ArrayLike = 0.0) -> list[Closest]:
-        """The nearest pair of each configuration, length N; arguments as of `distances`.
+    def nearest(self, q: ArrayLike, t: ArrayLike = 0.0) -> list[tuple[int, float]]:
+        """Number and distance [m] of the nearest pair of each configuration, length N; arguments as of `distances`.
 
         Raises:
             GeometryError: there is no pair at all.
@@ -114,9 +133,42 @@ class CollisionScene:
                     break
                 distance = self._exact(k)
                 if distance < best:
-                    best, which = distance, k
-            found.append(Closest(float(best), *self.pairs[which]))
+                    best, which = distance, int(k)
+            found.append((which, best))
         return found
+
+    def fixed_distances(self, t: float = 0.0) -> tuple[list[tuple[str, str]], np.ndarray]:
+        """Names and distances [m] of the pairs of a body that never moves and an obstacle."""
+        self._place(self.robot.home, t)
+        objects, place = self._geometry.geometryObjects, self._geometry_data.oMg
+        names, count = obstacle_names(self.obstacles), len(self.bodies)
+        pairs, distance = [], []
+        for k in np.flatnonzero(self.body_joint == 0):
+            for j, name in enumerate(names):
+                a, b = coal.Transform3s(*_parts(place[int(k)])), coal.Transform3s(*_parts(place[count + j]))
+                request, result = coal.DistanceRequest(), coal.DistanceResult()
+                distance.append(coal.distance(objects[int(k)].geometry, a, objects[count + j].geometry, b, request, result))
+                pairs.append((self.bodies[k].link, name))
+        return pairs, np.array(distance)
+
+    def apart(self, q: np.ndarray, t: float, rows: Sequence[int], margin: float = 0.0) -> bool:
+        """Whether some pairs are all farther apart than a margin [m]; quicker than their distances.
+
+        Args:
+            q: one configuration [rad], shape (nv,); t: time [s]; rows: numbers of the pairs.
+        """
+        if not len(rows):
+            return True
+        self._place(q, t)
+        for row in rows:
+            self._geometry_data.collisionRequests[row].security_margin = margin
+            if pin.computeCollision(self._geometry, self._geometry_data, row):
+                return False
+        return True
+
+    def closest(self, q: ArrayLike, t: ArrayLike = 0.0) -> list[Closest]:
+        """The nearest pair of each configuration, length N; arguments and errors as of `nearest`."""
+        return [Closest(distance, *self.pairs[k]) for k, distance in self.nearest(q, t)]
 
     def _prepared(self, q: ArrayLike, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q = configurations(self.robot.model, q)
@@ -125,19 +177,19 @@ class CollisionScene:
 
     def _lower_bounds(self, q: np.ndarray, t: np.ndarray) -> np.ndarray:
         """From the balls around bodies, shape (N, P)."""
-        joint = np.array([body.joint for body in self.bodies], dtype=int)
+        joint = self.body_joint
         rotation, position = joint_placements(self.robot.model, q)
-        center = position[:, joint] + np.einsum("nbij,bj->nbi", rotation[:, joint], self._ball_center)
-        bounds, count = np.empty((len(q), len(self._index))), len(self.bodies)
-        own = np.flatnonzero(self._index[:, 1] < count)
-        first, second = self._index[own].T
+        center = position[:, joint] + np.einsum("nbij,bj->nbi", rotation[:, joint], self.ball_center)
+        bounds, count = np.empty((len(q), len(self.index))), len(self.bodies)
+        own = np.flatnonzero(self.index[:, 1] < count)
+        first, second = self.index[own].T
         gap = np.linalg.norm(center[:, first] - center[:, second], axis=2)
-        bounds[:, own] = gap - self._ball_radius[first] - self._ball_radius[second]
+        bounds[:, own] = gap - self.ball_radius[first] - self.ball_radius[second]
         for k, obstacle in enumerate(self.obstacles):
-            rows = np.flatnonzero(self._index[:, 1] == count + k)
-            first = self._index[rows, 0]
+            rows = np.flatnonzero(self.index[:, 1] == count + k)
+            first = self.index[rows, 0]
             distance = obstacle.distance(center[:, first].reshape(-1, 3), np.repeat(t, len(first)))
-            bounds[:, rows] = distance.reshape(len(q), -1) - self._ball_radius[first]
+            bounds[:, rows] = distance.reshape(len(q), -1) - self.ball_radius[first]
         return bounds
 
     def _place(self, q: np.ndarray, t: float) -> None:
@@ -163,26 +215,13 @@ class CollisionScene:
             pairs += product(by_link[first], by_link[second])
         return np.array(pairs, dtype=int).reshape(-1, 2)
 
-    def _rates(self) -> np.ndarray:
-        """Joints that move both bodies of a pair alike do not change their distance."""
-        model = self.robot.model
-        joint = np.array([body.joint for body in self.bodies], dtype=int)
-        single = np.zeros((len(self.bodies) + len(self.obstacles), model.nv))
-        single[: len(self.bodies)] = travel_bounds(model, joint, self._ball_center, self._ball_radius)
-        first, second = single[self._index[:, 0]], single[self._index[:, 1]]
-        moves = np.zeros(single.shape, bool)
-        for k, j in enumerate(joint):
-            moves[k, [model.joints[i].idx_v for i in model.supports[int(j)] if i > 0]] = True
-        both = moves[self._index[:, 0]] & moves[self._index[:, 1]]
-        return np.where(both, 0.0, first + second)
-
     def _geometry_model(self) -> pin.GeometryModel:
         geometry = pin.GeometryModel()
         placed = [(f"body {k}", body.joint, body.shape) for k, body in enumerate(self.bodies)]
         placed += [(f"obstacle {k}", 0, obstacle) for k, obstacle in enumerate(self.obstacles)]
         for name, joint, shape in placed:
             geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(shape.pose_at(0.0)), shape.coal_geometry()))
-        for i, j in self._index:
+        for i, j in self.index:
             geometry.addCollisionPair(pin.CollisionPair(int(i), int(j)))
         return geometry
 
@@ -202,6 +241,17 @@ def exact_distance(
 def obstacle_names(obstacles: Sequence[Shape]) -> list[str]:
     """A name for each: its own, else its kind and its number from 1."""
     return [obstacle.name or f"{obstacle.kind} {k + 1}" for k, obstacle in enumerate(obstacles)]
+
+
+def _parts(place: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
+    return place.rotation, place.translation
+
+
+def _carried(model: pin.Model, body_joint: np.ndarray) -> np.ndarray:
+    carried = np.zeros((len(body_joint), model.nv), bool)
+    for k, j in enumerate(body_joint):
+        carried[k, [model.joints[i].idx_v for i in model.supports[int(j)] if i > 0]] = True
+    return carried
 
 
 def _balls(bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray]:
