@@ -20,9 +20,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from energyopt.arguments import check_problem
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, SinusoidTrajectory, SplineTrajectory, Trajectory
 from energyopt.problem import Problem, Waypoint
+from energyopt.problem_values import configuration, shown
 
 ACCELERATION_SHARE = 1.0 / 3.0
 """β of the trapezoidal motion where the limits allow it: accelerate, cruise and decelerate for a third of T each."""
@@ -42,12 +44,13 @@ def baseline(problem: Problem, kind: str = "quintic", goal: np.ndarray | None = 
     Raises:
         ProblemError: no such kind, or a Cartesian goal without ``goal``.
     """
-    if kind not in BASELINES:
-        raise ProblemError(f"baseline '{kind}' is unknown: expected one of {', '.join(BASELINES)}")
-    end = problem.goal_position if goal is None else np.asarray(goal, float)
+    check_problem("baseline", problem)
+    if not isinstance(kind, str) or kind not in BASELINES:
+        raise ProblemError(f"baseline {shown(kind)} is unknown: expected one of {', '.join(BASELINES)}")
+    end = problem.goal_position if goal is None else configuration("baseline goal", goal)
     if end is None:
         raise ProblemError("baseline: the goal is a Cartesian pose; pass goal=joint positions that reach it (the plan's last)")
-    if end.shape != (problem.robot.nv,) or not np.all(np.isfinite(end)):
+    if end.shape != (problem.robot.nv,):
         raise ProblemError(f"baseline: goal must be {problem.robot.nv} finite joint positions, got shape {end.shape}")
     times, points = _stations(problem, end)
     return BASELINES[kind](problem, times, points)

@@ -12,6 +12,7 @@ from itertools import islice
 
 import numpy as np
 
+from energyopt.arguments import check_planning
 from energyopt.dynamics import backend
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
@@ -80,12 +81,12 @@ def plan(
         throw: raise where no valid motion is found; otherwise return the best attempt with its status.
 
     Raises:
-        ProblemError: the request is impossible whatever the motion.
+        InputError: an argument makes no sense, or the request is impossible whatever the motion.
         NoSolutionFound: no valid motion was found; carries the best attempt.
     """
-    parameterization = parameterization or BSpline()
-    _check_arguments(parameterization, starts, time_limit, iterations)
-    _check_seed(seed)
+    parameterization = BSpline() if parameterization is None else parameterization
+    given = {"starts": starts, "seed": seed, "time_limit": time_limit, "iterations": iterations}
+    check_planning(problem, parameterization, given | {"verbose": verbose, "throw": throw})
     check_feasibility(problem)
     started = time.perf_counter()
     kernels = kernels_of(problem.robot.dynamics)
@@ -97,8 +98,8 @@ def plan(
         search = campaign.run(starts)
     if callable(options.progress) and verbose is True:
         sys.stderr.write("\n")
-    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), "starts": starts, "seed": seed,
-                "time_limit": time_limit, "iterations": iterations, "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
+    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
+                "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
     result = _finish(campaign, search, loaded, settings)
     if throw and result.status not in (Status.SOLVED, Status.INTERRUPTED):
         raise NoSolutionFound(result)
@@ -267,19 +268,3 @@ def _print_progress(phase: str, iteration: int, objective: float, violation: flo
         f"{lead}  level {phase}  iteration {iteration:4d}  objective {objective:12.5g}  violation {violation:8.1e}{end}"
     )
     sys.stderr.flush()
-
-
-def _check_seed(seed: int) -> None:
-    if not (isinstance(seed, (int, np.integer)) and 0 <= seed < 2**63):
-        raise ProblemError(f"seed is {seed!r}: expected a whole number, 0 or more")
-
-
-def _check_arguments(parameterization: object, starts: int | None, time_limit: float | None, iterations: int) -> None:
-    if not isinstance(parameterization, Parameterization):
-        raise ProblemError(f"parameterization: expected BSpline, Sinusoid or HermiteSimpson, got {parameterization!r}")
-    if starts is not None and not (isinstance(starts, (int, np.integer)) and 1 <= starts <= 100000):
-        raise ProblemError(f"starts is {starts!r}: expected a whole number of guesses, 1 or more")
-    if time_limit is not None and not time_limit > 0:
-        raise ProblemError(f"time_limit is {time_limit!r}: expected seconds > 0, or None")
-    if not (isinstance(iterations, (int, np.integer)) and iterations >= 1):
-        raise ProblemError(f"iterations is {iterations!r}: expected a whole number, 1 or more")

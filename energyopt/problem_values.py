@@ -65,6 +65,18 @@ def numbers(key: str, value: ArrayLike, expected: str) -> np.ndarray:
     return array.astype(float)
 
 
+def instances(key: str, value: Any, kind: type, expected: str) -> tuple:
+    """A list of objects of one kind, as a tuple; one object alone is a list of one."""
+    if isinstance(value, kind):
+        return (value,)
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ProblemError(f"{key} is {shown(value)}: expected a list of {expected}")
+    for k, item in enumerate(value):
+        if not isinstance(item, kind):
+            raise ProblemError(f"{key}[{k}] is {shown(item)}: expected {expected}")
+    return tuple(value)
+
+
 def configuration(key: str, value: ArrayLike) -> np.ndarray:
     """Finite joint positions of an arm not known yet, shape (n,). Read-only."""
     array = numbers(key, value, "a list of joint positions")
@@ -138,9 +150,9 @@ def seconds(key: str, value: float) -> float:
 
 
 def text(key: str, value: str, meaning: str) -> str:
-    """A text of one line."""
-    if not isinstance(value, str) or len(value) > LONGEST_TEXT or not (value.isprintable()):
-        raise ProblemError(f"{key} is {shown(value)}: expected {meaning}, one line of text")
+    """A text that is not too long."""
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        raise ProblemError(f"{key} is {shown(value)}: expected {meaning}, a text")
     return value
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from energyopt.arguments import check_log, check_plan
 from energyopt.baselines import BASELINES, baseline
 from energyopt.metrics import Metrics, metrics, metrics_of_log
 from energyopt.parameterizations.trajectory import Trajectory
@@ -135,7 +136,12 @@ def validate(plan: Plan, log: ReplayLog | None = None) -> ValidationReport:
 
     Returns:
         ValidationReport: ``passed``, and ``str(report)`` for the table.
+
+    Raises:
+        InputError: no plan, or a log of another arm.
     """
+    check_plan("validate", plan)
+    check_log(plan, log)
     return validate_motion(plan.problem, plan.trajectory, log)
 
 

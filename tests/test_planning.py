@@ -268,10 +268,21 @@ def test_progress_goes_to_the_callback_or_to_standard_error_and_else_nowhere(cap
     "options, words",
     [
         ({"parameterization": "bspline"}, ["parameterization", "BSpline, Sinusoid or HermiteSimpson", "'bspline'"]),
+        ({"parameterization": eo.BSpline}, ["parameterization is <class", "energyopt.BSpline()"]),
+        ({"parameterization": 0}, ["parameterization is 0"]),
         ({"starts": 0}, ["starts is 0", "1 or more"]),
         ({"starts": 2.5}, ["starts is 2.5", "whole number"]),
         ({"time_limit": 0.0}, ["time_limit is 0.0", "seconds > 0"]),
         ({"time_limit": float("nan")}, ["time_limit is nan"]),
+        ({"time_limit": float("inf")}, ["time_limit is inf", "None for no limit"]),
+        ({"time_limit": "x"}, ["time_limit is 'x'"]),
+        ({"iterations": 10**12}, ["iterations is 1000000000000"]),
+        ({"iterations": "many"}, ["iterations is 'many'"]),
+        ({"seed": "a"}, ["seed is 'a'", "0 or more"]),
+        ({"seed": None}, ["seed is None"]),
+        ({"seed": 1.5}, ["seed is 1.5", "whole number"]),
+        ({"verbose": "yes"}, ["verbose is 'yes'", "a function of"]),
+        ({"throw": "no"}, ["throw is 'no'", "True or False"]),
         ({"iterations": 0}, ["iterations is 0", "1 or more"]),
         ({"seed": -1}, ["seed is -1"]),
     ],
@@ -280,3 +291,25 @@ def test_odd_arguments_are_refused_in_one_line(options, words):
     with pytest.raises(eo.InputError) as caught:
         eo.plan(problem(), **options)
     assert "\n" not in str(caught.value) and all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize("given", [None, 5, "panda_reach", []])
+def test_what_is_no_problem_is_refused_by_its_value(given):
+    with pytest.raises(eo.InputError, match=r"plan: problem is .*: expected one energyopt\.Problem"):
+        eo.plan(given)
+
+
+def test_an_exception_of_the_callback_ends_the_solve_and_reaches_the_caller(capfd):
+    """CasADi would swallow it, with a dump on the terminal."""
+    heard = []
+
+    def callback(phase, iteration, objective, violation):
+        heard.append(iteration)
+        if iteration == 2:
+            raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        eo.plan(problem(), verbose=callback)
+    assert heard == [0, 1, 2]
+    assert capfd.readouterr() == ("", "")
+    assert eo.plan(problem()).solved, "nothing is left behind"

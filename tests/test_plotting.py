@@ -227,6 +227,12 @@ def test_wrong_arguments_are_named():
     for draw in (eo.plot_metrics, eo.plot_joints):
         with pytest.raises(InputError, match="a replay of 7 joints; expected 6"):
             draw(plan, replayed("panda"))
+        with pytest.raises(InputError, match=r"plan is None: expected an energyopt\.Plan"):
+            draw(None)
+        with pytest.raises(InputError, match=r"plan is Problem\(.*solve it first"):
+            draw(plan.problem)
+        with pytest.raises(InputError, match=r"log is 5: expected what energyopt\.replay gives"):
+            draw(plan, 5)
     with pytest.raises(InputError, match="'straight' is unknown"):
         eo.plot_metrics(plan, baselines=("straight",))
     with pytest.raises(InputError, match="4 kinds at most"):

@@ -106,7 +106,7 @@ def test_numbers_pass_and_others_do_not():
     for wrong in (True, 3.0, "3", None, 6, [3]):
         with pytest.raises(ProblemError, match=r"n is .*: expected a whole number, 1 to 5"):
             whole("n", wrong, 1, 5)
-    for wrong in ("two\nlines", 5, None, "x" * 5000):
-        with pytest.raises(ProblemError, match=r"name is .*: expected a name, one line"):
+    for wrong in (5, None, "x" * 5000):
+        with pytest.raises(ProblemError, match=r"name is .*: expected a name, a text"):
             text("name", wrong, "a name")
     assert len(shown("x" * 5000)) == 80 and "\n" not in shown("a\nb")

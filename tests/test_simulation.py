@@ -219,7 +219,12 @@ def test_a_diverging_replay_is_one_clear_line_and_leaves_no_file(panda, gains, t
         ({"physics_step": 1e-8}, "expected at most 2000000"),
         ({"stiffness": -1.0}, "stiffness"),
         ({"damping": np.inf}, "damping"),
-        ({"initial_error": [1.0, 2.0]}, "expected one finite number or 7"),
+        ({"physics_step": "1 ms"}, "physics_step is '1 ms'"),
+        ({"stiffness": "stiff"}, "stiffness is 'stiff'"),
+        ({"damping": None}, "damping is None: expected one finite number"),
+        ({"initial_error": [1.0, 2.0]}, "initial_error: expected 7 numbers, got 2 numbers"),
+        ({"initial_error": "none"}, "initial_error is 'none': expected one number or 7 numbers"),
+        ({"initial_error": np.nan}, r"initial_error\[0\] is nan"),
         ({"plant": "panda"}, "expected a robot with the joints"),
     ],
 )
@@ -227,6 +232,14 @@ def test_senseless_options_are_refused(panda, options, words):
     problem, motion = swing(panda)
     with pytest.raises(eo.InputError, match=words):
         replay_trajectory(problem, motion, **options)
+
+
+def test_replay_names_what_is_no_plan_and_what_is_no_option(panda):
+    for wrong in (None, 5, swing(panda)[0]):
+        with pytest.raises(eo.InputError, match=r"replay: plan is .*: expected an energyopt\.Plan"):
+            eo.replay(wrong)
+    with pytest.raises(eo.InputError, match="replay: no option 'phys_step'; nearest: physics_step"):
+        eo.replay(eo.plan(eo.Problem(panda, panda.home, panda.home + 0.1, 1.0), eo.BSpline(accuracy=None)), phys_step=1e-3)
 
 
 def test_a_second_and_a_half_of_panda_takes_a_fraction_of_a_second(panda):

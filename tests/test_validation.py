@@ -45,6 +45,14 @@ def failed(report):
     return [check.name for check in report.checks if not check.passed]
 
 
+def test_what_is_no_plan_or_no_replay_is_named(slider):
+    problem = eo.Problem(slider, [0.0], [0.8], 1.0)
+    with pytest.raises(eo.InputError, match=r"validate: plan is None: expected an energyopt\.Plan"):
+        eo.validate(None)
+    with pytest.raises(eo.InputError, match=r"log is 'log': expected what energyopt\.replay gives"):
+        eo.validate(as_plan(problem, eo.baseline(problem)), "log")
+
+
 def test_a_quintic_beside_a_cycloid_passes_and_saves_the_closed_form(slider):
     """J / (d²/T³) is 120/7 for the quintic, 2π² for the cycloid, 12 for the cubic and 13.5 for the trapezoid."""
     problem = eo.Problem(slider, [0.0], [0.8], 1.0, velocity_weight=0.0)

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from energyopt.arguments import check_plan
 from energyopt.dynamics.body import joint_axis
 from energyopt.io.archive import write_atomic
 from energyopt.plans import Plan
+from energyopt.problem_values import real
 from energyopt.robots import RobotModel
 
 SAMPLE_TIME = 0.01
@@ -26,7 +28,7 @@ def write_csv(plan: Plan, path: str | Path, sample_time: float = SAMPLE_TIME) ->
     """Write t, then q, v, a and tau of every joint, with units in the header.
 
     Raises:
-        FileError: the file cannot be written.
+        FileError: the file cannot be written. InputError: an argument makes no sense.
     """
     t, q, v, a, tau = _samples(plan, sample_time)
     units = [_units(plan.problem.robot, i) for i in range(plan.problem.robot.nv)]
@@ -44,7 +46,7 @@ def write_joint_trajectory(plan: Plan, path: str | Path, sample_time: float = SA
     """Write a ``trajectory_msgs/JointTrajectory`` as JSON.
 
     Raises:
-        FileError: the file cannot be written.
+        FileError: the file cannot be written. InputError: an argument makes no sense.
     """
     t, q, v, a, tau = _samples(plan, sample_time)
     robot = plan.problem.robot
@@ -65,6 +67,8 @@ def write_joint_trajectory(plan: Plan, path: str | Path, sample_time: float = SA
 
 def _samples(plan: Plan, sample_time: float) -> tuple[np.ndarray, ...]:
     """Times (N,) and q, v, a, tau (N, nv); the last interval may be shorter."""
+    check_plan("the export", plan)
+    real("sample_time", sample_time, lambda h: 0 < h < np.inf, "seconds > 0")
     trajectory = plan.trajectory
     step = max(sample_time, trajectory.duration / MAX_SAMPLES)
     count = int(np.ceil(trajectory.duration / step - 1e-9))

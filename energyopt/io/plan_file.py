@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from energyopt.arguments import check_plan
 from energyopt.errors import EnergyOptError, FileError
 from energyopt.io.archive import npz_bytes, read_npz, write_atomic
 from energyopt.io.parts import problem_arrays, problem_from_arrays, robot_arrays, robot_from_arrays
@@ -30,6 +31,7 @@ def save_plan(plan: Plan, path: str | Path) -> None:
     Raises:
         FileError: the file cannot be written.
     """
+    check_plan("save_plan", plan)
     problem, robot = plan.problem, plan.problem.robot
     meta = {"format": FORMAT, "version": VERSION, "kind": plan.trajectory.kind, "plan": _plan_meta(plan)}
     arrays = {}

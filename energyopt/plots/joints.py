@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from energyopt.arguments import check_log, check_plan
 from energyopt.plots import look
 
 if TYPE_CHECKING:
@@ -49,9 +50,10 @@ def plot_joints(plan: Plan, log: ReplayLog | None = None) -> Figure:
         The figure.
 
     Raises:
-        InputError: a log of another arm.
+        InputError: no plan, or a log of another arm.
     """
-    look.check_log(plan, log)
+    check_plan("plot_joints", plan)
+    check_log(plan, log)
     robot, units = plan.problem.robot, look.joint_units(plan)
     columns = _columns(plan, log)
     with look.style():

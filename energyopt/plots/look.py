@@ -17,13 +17,11 @@ from matplotlib import font_manager
 from matplotlib.figure import Figure
 
 from energyopt.dynamics.body import joint_axis
-from energyopt.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from energyopt.plans import Plan
-    from energyopt.simulation.log import ReplayLog
 
 PAPER, INK, QUIET, RULE = "#ffffff", "#1f2328", "#6a7079", "#d9dce1"
 PLANNED, REPLAYED, LIMIT = "#0072b2", "#d55e00", "#96214c"
@@ -166,14 +164,3 @@ def joint_units(plan: Plan) -> list[tuple[str, str, str]]:
 def unit_words(units: list[tuple[str, str, str]], k: int) -> str:
     """The k-th unit of all joints: "rad", or "rad or m" where some slide."""
     return " or ".join(dict.fromkeys(unit[k] for unit in units))
-
-
-def check_log(plan: Plan, log: ReplayLog | None) -> None:
-    """Refuse the replay of another arm.
-
-    Raises:
-        InputError: another number of joints.
-    """
-    nv = plan.problem.robot.nv
-    if log is not None and log.q.shape[1] != nv:
-        raise InputError(f"log: a replay of {log.q.shape[1]} joints; expected {nv}, as the plan has")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from energyopt.arguments import check_log, check_plan
 from energyopt.baselines import baseline
 from energyopt.errors import InputError
 from energyopt.metrics import MetricSeries, metrics, metrics_of_log
@@ -46,9 +47,10 @@ def plot_metrics(plan: Plan, log: ReplayLog | None = None, baselines: Sequence[s
         The figure.
 
     Raises:
-        InputError: a log of another arm, an unknown baseline, or too many of them.
+        InputError: no plan, a log of another arm, an unknown baseline, or too many of them.
     """
-    look.check_log(plan, log)
+    check_plan("plot_metrics", plan)
+    check_log(plan, log)
     others = _ordinary_motions(plan, baselines)
     curves = _curves(plan, log, others)
     angle = look.unit_words(look.joint_units(plan), 0)

@@ -26,9 +26,11 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from energyopt.arguments import check_names, check_plan
 from energyopt.errors import InputError, SimulationError
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.problem_values import real, vector
 from energyopt.robots.model import RobotModel
 from energyopt.simulation.contacts import ContactCounter
 from energyopt.simulation.engine import Engine, build_engine
@@ -56,7 +58,14 @@ class Feedback:
 
 
 def replay(plan: Plan, **options) -> ReplayLog:
-    """Replay a plan; ``options`` are those of `replay_trajectory`."""
+    """Replay a plan; ``options`` are those of `replay_trajectory`.
+
+    Raises:
+        InputError: no plan, or an option that is unknown or makes no sense.
+        SimulationError: the simulation diverged.
+    """
+    check_plan("replay", plan)
+    check_names("replay", options, replay_trajectory.__kwdefaults__)
     return replay_trajectory(plan.problem, plan.trajectory, **options)
 
 
@@ -198,8 +207,8 @@ def _diverged(plant: RobotModel, when: float, step: float, demand: np.ndarray) -
 
 
 def _time_grid(duration: float, physics_step: float) -> tuple[np.ndarray, float]:
-    if not (np.isscalar(physics_step) and 0.0 < float(physics_step) <= LARGEST_STEP):
-        raise InputError(f"physics_step is {physics_step!r}: expected seconds, above 0 and at most {LARGEST_STEP:g}")
+    expected = f"seconds, above 0 and at most {LARGEST_STEP:g}"
+    physics_step = real("physics_step", physics_step, lambda h: 0.0 < h <= LARGEST_STEP, expected)
     steps = max(2, int(np.ceil(duration / physics_step * (1 - 1e-12))))
     if steps > MOST_STEPS:
         raise InputError(
@@ -211,10 +220,8 @@ def _time_grid(duration: float, physics_step: float) -> tuple[np.ndarray, float]
 
 
 def _feedback(stiffness: float, damping: float) -> Feedback:
-    for key, value in (("stiffness", stiffness), ("damping", damping)):
-        if not (np.isscalar(value) and 0.0 <= float(value) < np.inf):
-            raise InputError(f"{key} is {value!r}: expected one finite number ≥ 0")
-    return Feedback(float(stiffness), float(damping))
+    gains = {"stiffness": stiffness, "damping": damping}
+    return Feedback(**{key: real(key, gain, lambda k: 0.0 <= k < np.inf, "one finite number ≥ 0") for key, gain in gains.items()})
 
 
 def _plant(robot: RobotModel, plant: RobotModel | None) -> RobotModel:
@@ -227,7 +234,4 @@ def _plant(robot: RobotModel, plant: RobotModel | None) -> RobotModel:
 
 
 def _initial_error(value: np.ndarray | float, nv: int) -> np.ndarray:
-    error = np.asarray(value, dtype=float)
-    if error.shape not in ((), (nv,)) or not np.all(np.isfinite(error)):
-        raise InputError(f"initial_error: expected one finite number or {nv} [rad], got {value!r}")
-    return np.broadcast_to(error, (nv,))
+    return vector("initial_error", value, nv)

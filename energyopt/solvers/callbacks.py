@@ -113,7 +113,10 @@ STALL_VIOLATION = 1e-9
 
 
 class Monitor(ca.Callback):
-    """IPOPT's view from outside, once an iteration: reports progress, and stops it on request or where it stalls."""
+    """IPOPT's view from outside, once an iteration: reports progress, and stops it on request or where it stalls.
+
+    An exception raised by ``progress`` ends the solve and is kept in ``error``.
+    """
 
     def __init__(self, program, progress: Progress | None, time_limit: float | None, stop: Callable[[], bool] | None):
         ca.Callback.__init__(self)
@@ -121,6 +124,7 @@ class Monitor(ca.Callback):
         self._deadline = None if time_limit is None else time.monotonic() + time_limit
         self._objectives: list[float] = []
         self.interrupted = self.out_of_time = self.stalled = False
+        self.error: BaseException | None = None
         n, m = program.size, program.rows
         self._sizes = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": 0}
         self.construct("monitor", {})
@@ -128,7 +132,7 @@ class Monitor(ca.Callback):
     @property
     def stopped(self) -> bool:
         """Whether the solve was ended from outside."""
-        return self.interrupted or self.out_of_time
+        return self.interrupted or self.out_of_time or self.error is not None
 
     def get_n_in(self):
         return ca.nlpsol_n_out()
@@ -151,8 +155,10 @@ class Monitor(ca.Callback):
 
     def eval_buffer(self, arguments, results):
         self._objectives.append(float(np.frombuffer(arguments[1])[0]))
-        if self._progress is not None:
-            self._progress(len(self._objectives) - 1, self._objectives[-1], self._violation(arguments))
+        try:
+            self._report(arguments)
+        except BaseException as error:  # CasADi would print and swallow it; `solve` raises it again once IPOPT has ended
+            self.error = error
         if self._unchanged() and self._violation(arguments) <= STALL_VIOLATION:
             self.stalled = True
         if self._deadline is not None and time.monotonic() > self._deadline:
@@ -162,6 +168,10 @@ class Monitor(ca.Callback):
         if results[0] is not None:
             np.frombuffer(results[0])[0] = float(self.stopped or self.stalled)
         return 0
+
+    def _report(self, arguments) -> None:
+        if self._progress is not None:
+            self._progress(len(self._objectives) - 1, self._objectives[-1], self._violation(arguments))
 
     def _unchanged(self) -> bool:
         recent = self._objectives[-STALL_ITERATIONS:]

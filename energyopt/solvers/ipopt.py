@@ -98,7 +98,10 @@ def solve(
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> SolverResult:
-    """Minimise a program from ``x0``; ``stop`` is asked after every iteration and ends the solve with the iterate kept."""
+    """Minimise a program from ``x0``; ``stop`` is asked after every iteration and ends the solve with the iterate kept.
+
+    What ``progress`` raises ends the solve, and is raised again.
+    """
     equalities = int(np.sum(program.row_lower == program.row_upper))
     if equalities > program.size:
         reason = "Not_Enough_Degrees_Of_Freedom"
@@ -110,6 +113,8 @@ def solve(
         settings["ipopt"] |= linear | {"max_iter": min(options.iterations, linear.get("max_iter", options.iterations))}
         solver = ca.nlpsol("energyopt", "ipopt", functions.problem, settings)
         result = solver(x0=x0, lbx=program.lower, ubx=program.upper, lbg=program.row_lower, ubg=program.row_upper)
+        if monitor.error is not None:
+            raise monitor.error
         outcome = _outcome(solver.stats(), monitor)
         if outcome in _ENDS or settings["ipopt"]["max_iter"] == options.iterations:
             break

@@ -1,0 +1,101 @@
+"""Arguments of the public functions: what callers may pass, and one line that says what they passed in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energyopt.errors import InputError
+from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.plans import Plan
+from energyopt.problem import Problem
+from energyopt.problem_values import real, shown, whole
+from energyopt.robots.messages import did_you_mean
+
+if TYPE_CHECKING:
+    from energyopt.simulation.log import ReplayLog
+
+MOST_STARTS, MOST_ITERATIONS = 100_000, 1_000_000
+
+
+def check_planning(problem: Problem, parameterization: Any, options: Mapping[str, Any]) -> None:
+    """The arguments of `energyopt.plan`, its ``options`` by name.
+
+    Raises:
+        InputError: one of them makes no sense.
+    """
+    check_problem("plan", problem)
+    if not isinstance(parameterization, BSpline | Sinusoid | HermiteSimpson):
+        expected = "BSpline, Sinusoid or HermiteSimpson, such as energyopt.BSpline()"
+        raise InputError(f"parameterization is {shown(parameterization)}: expected {expected}")
+    for key, value in options.items():
+        _OPTIONS[key](key, value)
+
+
+def check_problem(function: str, problem: Problem) -> None:
+    """Refuse what is no problem."""
+    if not isinstance(problem, Problem):
+        raise InputError(f"{function}: problem is {shown(problem)}: expected one energyopt.Problem (or what load_problem gives)")
+
+
+def check_plan(function: str, plan: Plan) -> None:
+    """Refuse what is no plan."""
+    if not isinstance(plan, Plan):
+        remedy = "solve it first: plan(problem)" if isinstance(plan, Problem) else "plan and load_plan give one"
+        raise InputError(f"{function}: plan is {shown(plan)}: expected an energyopt.Plan; {remedy}")
+
+
+def check_log(plan: Plan, log: ReplayLog | None) -> None:
+    """Refuse what is no replay, or that of another arm.
+
+    Raises:
+        InputError: no log, or one of another number of joints.
+    """
+    if log is None:
+        return
+    from energyopt.simulation.log import ReplayLog
+
+    if not isinstance(log, ReplayLog):
+        raise InputError(f"log is {shown(log)}: expected what energyopt.replay gives, or None")
+    nv = plan.problem.robot.nv
+    if log.q.shape[1] != nv:
+        raise InputError(f"log: a replay of {log.q.shape[1]} joints; expected {nv}, as the plan has")
+
+
+def check_names(function: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse options a function does not have."""
+    known = tuple(known)
+    for name in given:
+        if name not in known:
+            raise InputError(f"{function}: no option '{name}'; {did_you_mean(name, known)}")
+
+
+def _or_none(check: Callable[[str, Any], Any]) -> Callable[[str, Any], Any]:
+    return lambda key, value: None if value is None else check(key, value)
+
+
+def _time_limit(key: str, value: Any) -> float:
+    return real(key, value, lambda t: 0 < t < np.inf, "seconds > 0, or None for no limit")
+
+
+def _truth(key: str, value: Any) -> None:
+    if not isinstance(value, bool):
+        raise InputError(f"{key} is {shown(value)}: expected True or False")
+
+
+def _verbose(key: str, value: Any) -> None:
+    if not isinstance(value, bool) and not callable(value):
+        function = "a function of (phase, iteration, objective, violation)"
+        raise InputError(f"{key} is {shown(value)}: expected True, False, or {function}")
+
+
+_OPTIONS: dict[str, Callable[[str, Any], Any]] = {
+    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, "a whole number of guesses, 1 or more, or None")),
+    "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 or more"),
+    "time_limit": _or_none(_time_limit),
+    "iterations": lambda key, value: whole(key, value, 1, MOST_ITERATIONS, "a whole number, 1 or more"),
+    "verbose": _verbose,
+    "throw": _truth,
+}
