@@ -66,7 +66,7 @@ class Clearance:
 
     Attributes:
         distance: least distance seen [m]; inf where there is nothing to keep apart. Where the motion passes, no distance at
-            any time is smaller by more than the tolerance.
+            any time is smaller by more than the tolerance, or 1 % of what is left above the margin.
         first, second: the pair that comes so close; time: when [s].
         certified_margin: proved lower bound of the distance of every pair at all times [m].
         margin: what was to be kept [m]; tolerance: how precisely that was decided [m].
@@ -130,13 +130,19 @@ def check_clearance(
     required = max(margin, tolerance)
     search = Advancement(scene, trajectory, lambda t, half: excursions(trajectory, t, half), required, tolerance)
     sweep = search.run(_edges(trajectory), budget)
-    least = int(np.argmin(sweep.distance))
-    violations = _violations(scene, trajectory, sweep, required - 0.5 * tolerance)
-    distance, pair, time = float(sweep.distance[least]), scene.pairs[sweep.pair[least]], float(sweep.time[least])
-    if violations and violations[0].distance < distance:
-        worst = violations[0]
-        distance, pair, time = worst.distance, (worst.first, worst.second), worst.time
-    return Clearance(distance, *pair, time, min(sweep.proved, distance), margin, tolerance, violations, sweep.intervals)
+    found = [_least(scene, trajectory, sweep), *_violations(scene, trajectory, sweep, required - 0.5 * tolerance)]
+    worst = min(found, key=lambda instant: instant.distance)
+    return Clearance(
+        distance=worst.distance,
+        first=worst.first,
+        second=worst.second,
+        time=worst.time,
+        certified_margin=min(sweep.proved, worst.distance),
+        margin=margin,
+        tolerance=tolerance,
+        violations=tuple(found[1:]),
+        checks=sweep.intervals,
+    )
 
 
 def touching(
@@ -162,8 +168,8 @@ def around_base(
 
     No motion can change those, so `check_clearance` does not look at them; the table that a robot stands on is the usual case.
     """
-    scene = scene_of(robot, obstacles, (), attached)
-    return _below(*scene.fixed_distances(t), margin)
+    scene = CollisionScene(robot, obstacles, (), attached, fixed=True)
+    return _below(scene.pairs, scene.distances(robot.home, t, cutoff=margin)[0], margin)
 
 
 def clearance_at(
@@ -248,7 +254,15 @@ def _below(pairs: Sequence[tuple[str, str]], distance: np.ndarray, margin: float
     return [Closest(d, *pair) for pair, d in sorted(found.items(), key=lambda item: item[1])]
 
 
-def _violations(scene: CollisionScene, trajectory: Trajectory, sweep: Sweep, least: float) -> tuple[Instant, ...]:
+def _least(scene: CollisionScene, trajectory: Trajectory, sweep: Sweep) -> Instant:
+    """The least distance seen, sharpened."""
+    row = int(np.argmin(sweep.distance))
+    pair = int(sweep.pair[row])
+    times = np.sort(sweep.time[sweep.pair == pair])
+    return _sharpened(scene, trajectory, pair, times, int(np.searchsorted(times, sweep.time[row])), sweep.distance[row])
+
+
+def _violations(scene: CollisionScene, trajectory: Trajectory, sweep: Sweep, least: float) -> list[Instant]:
     """The local minima below ``least``, each sharpened, and after them one instant a pair that the search gave up."""
     found = []
     for pair in np.unique(sweep.pair[sweep.distance < least]):
@@ -264,7 +278,7 @@ def _violations(scene: CollisionScene, trajectory: Trajectory, sweep: Sweep, lea
         open_.append(Instant(t, *scene.pairs[pair], d, certified=False))
     named = {(i.first, i.second) for i in found}
     open_ = {(i.first, i.second): i for i in sorted(open_, key=lambda i: -i.distance)}
-    return (*found, *(i for name, i in open_.items() if name not in named))
+    return [*found, *(i for name, i in open_.items() if name not in named)]
 
 
 def _minima(scene, trajectory, pair: int, t: np.ndarray, d: np.ndarray, least: float) -> list[Instant]:
@@ -272,27 +286,26 @@ def _minima(scene, trajectory, pair: int, t: np.ndarray, d: np.ndarray, least: f
     before, after = np.append(np.inf, d[:-1]), np.append(d[1:], np.inf)
     found = []
     for k in np.flatnonzero((d < least) & (d <= before) & (d < after)):
-        low, high = t[max(k - 1, 0)] if k else 0.0, t[k + 1] if k + 1 < len(t) else trajectory.duration
-        time, distance = _sharpened(scene, trajectory, pair, (low, t[k], high), d[k])
+        instant = _sharpened(scene, trajectory, pair, t, int(k), float(d[k]))
         same = np.array([i for i, names in enumerate(scene.pairs) if names == scene.pairs[pair]])
-        if scene.exact(trajectory(time), time, same).min() >= distance - 1e-9:
-            found.append(Instant(float(time), *scene.pairs[pair], float(distance)))
+        if scene.exact(trajectory(instant.time), instant.time, same).min() >= instant.distance - 1e-9:
+            found.append(instant)
     return found
 
 
-def _sharpened(scene, trajectory, pair: int, bracket: tuple[float, float, float], value: float) -> tuple[float, float]:
-    """Time and distance of the minimum in a bracket, by golden sections (J. Kiefer, 1953)."""
-    low, best, high = bracket
+def _sharpened(scene: CollisionScene, trajectory: Trajectory, pair: int, t: np.ndarray, k: int, value: float) -> Instant:
+    """The minimum between the neighbours of ``t[k]``, where it is ``value``, by golden sections (J. Kiefer, 1953)."""
+    low, best, high = t[k - 1] if k else 0.0, t[k], t[k + 1] if k + 1 < len(t) else trajectory.duration
     index = np.array([pair])
     for _ in range(POLISH_STEPS):
         left = best - low > high - best
-        t = best - (1 - GOLDEN) * (best - low) if left else best + (1 - GOLDEN) * (high - best)
-        d = scene.exact(trajectory(t), t, index)[0]
+        now = best - (1 - GOLDEN) * (best - low) if left else best + (1 - GOLDEN) * (high - best)
+        d = scene.exact(trajectory(now), now, index)[0]
         if d < value:
             low, high = (low, best) if left else (best, high)
-            best, value = t, d
+            best, value = now, d
         elif left:
-            low = t
+            low = now
         else:
-            high = t
-    return best, value
+            high = now
+    return Instant(float(best), *scene.pairs[pair], float(value))

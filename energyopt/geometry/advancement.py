@@ -29,8 +29,10 @@ BLOCK = 64
 """Exact distances taken before it is looked again which others are still needed."""
 FIRST_LOOKS = 8
 """Instants looked at in full before the search, for a first estimate of the least distance."""
-SHARE = 0.25
-"""Where a pair is too close by e, the search along it ends when its motion bound is this share of e."""
+COARSE, SHARE = 1e-3, 0.25
+"""Where a pair is too close by e, the search along it ends when its motion bound D is this long [m], or this share of e."""
+SLACK = 0.01
+"""A least distance above what is required is sought with an error of this share of the difference, or the tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +99,13 @@ class Advancement:
     @property
     def _bar(self) -> float:
         """A lower bound of at least this settles an item [m]."""
-        return max(self.best, self.required) - self.tolerance
+        spare = max(self.best - self.required, 0.0)
+        return self.required + spare - max(self.tolerance, SLACK * spare)
 
     def _deep_enough(self, distance: np.ndarray, travel: np.ndarray) -> np.ndarray:
         """Whether an item is surely too close and its interval short enough to know by how much."""
         deep = self.required - 0.5 * self.tolerance - distance
-        return (deep > 0) & (travel <= np.maximum(0.5 * self.tolerance, SHARE * deep))
+        return (deep > 0) & (travel <= np.maximum(COARSE, SHARE * deep))
 
     def _look(self, times: np.ndarray) -> None:
         """The nearest pair at each of some instants, as a first estimate."""

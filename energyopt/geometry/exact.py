@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike
 from energyopt.errors import GeometryError
 from energyopt.geometry.bodies import Attached, Body, collision_bodies
 from energyopt.geometry.kinematics import configurations, joint_placements, travel_bounds
-from energyopt.geometry.shapes import Shape
+from energyopt.geometry.shapes import Cylinder, Shape, Sphere
 from energyopt.robots.messages import did_you_mean, shown
 from energyopt.robots.model import RobotModel
 
@@ -51,7 +50,6 @@ class CollisionScene:
 
     Attributes:
         pairs: names (first, second) of every pair, length P.
-        indices: of the bodies of every pair, shape (P, 2); obstacles are numbered after the bodies of the robot.
         index: the same as numbers of bodies, those of obstacles counted on, shape (P, 2).
         rate_bounds: rate of each pair, shape (P, nv) [m/rad].
         speed_bounds: of the obstacle of each pair [m/s], shape (P,); zero for pairs of links.
@@ -67,8 +65,14 @@ class CollisionScene:
         obstacles: Sequence[Shape] = (),
         self_pairs: Sequence[tuple[str, str]] = (),
         attached: Sequence[Attached] = (),
+        fixed: bool = False,
     ):
-        """``self_pairs``: names of links, and of what is attached, to be kept apart.
+        """Make a scene.
+
+        Args:
+            robot: its collision geometry; obstacles: shapes; attached: tools and grasped objects.
+            self_pairs: names of links, and of what is attached, to be kept apart.
+            fixed: look at the bodies that never move, and at no others, against the obstacles.
 
         Raises:
             GeometryError: an obstacle is no shape, or a pair names a link without geometry.
@@ -80,7 +84,7 @@ class CollisionScene:
         self.bodies = collision_bodies(robot, attached)
         self.body_joint = np.array([body.joint for body in self.bodies], dtype=int)
         self.ball_center, self.ball_radius = _balls(self.bodies)
-        self.index = self._pair_indices(self_pairs)
+        self.index = self._pair_indices(self_pairs, fixed)
         names = [body.link for body in self.bodies] + obstacle_names(self.obstacles)
         self.pairs = tuple((names[i], names[j]) for i, j in self.index)
         self.carried = _carried(robot.model, self.body_joint)
@@ -93,13 +97,15 @@ class CollisionScene:
         self.rate_bounds = self.relative * (single[self.index[:, 0]] + single[self.index[:, 1]])
         speeds = np.array([0.0] * len(self.bodies) + [obstacle.speed_bound() for obstacle in self.obstacles])
         self.speed_bounds = speeds[self.index[:, 1]]
+        kinds = np.array([body.shape.kind for body in self.bodies] + [obstacle.kind for obstacle in self.obstacles], dtype=object)
+        self._by_formula = [set(kinds[ij]) == {Sphere.kind, Cylinder.kind} for ij in self.index]
         self._geometry = self._geometry_model()
         self._data, self._geometry_data = robot.model.createData(), pin.GeometryData(self._geometry)
 
     def exact(self, q: np.ndarray, t: float, pairs: np.ndarray) -> np.ndarray:
         """Distances [m], shape (M,), of some pairs, by number, at one configuration ``q`` (nv,) and time [s]."""
         self._place(q, t)
-        return np.array([self._exact(k) for k in pairs])
+        return np.array([self._exact(k) for k in np.asarray(pairs).tolist()])
 
     def distances(self, q: ArrayLike, t: ArrayLike = 0.0, cutoff: float = np.inf) -> np.ndarray:
         """Distance of every pair [m], shape (N, P).
@@ -128,43 +134,14 @@ class CollisionScene:
         for n, row in enumerate(bounds):
             self._place(q[n], t[n])
             best, which = np.inf, 0
-            for k in np.argsort(row, kind="stable"):
+            for k in np.argsort(row, kind="stable").tolist():
                 if row[k] >= best:
                     break
                 distance = self._exact(k)
                 if distance < best:
-                    best, which = distance, int(k)
+                    best, which = distance, k
             found.append((which, best))
         return found
-
-    def fixed_distances(self, t: float = 0.0) -> tuple[list[tuple[str, str]], np.ndarray]:
-        """Names and distances [m] of the pairs of a body that never moves and an obstacle."""
-        self._place(self.robot.home, t)
-        objects, place = self._geometry.geometryObjects, self._geometry_data.oMg
-        names, count = obstacle_names(self.obstacles), len(self.bodies)
-        pairs, distance = [], []
-        for k in np.flatnonzero(self.body_joint == 0):
-            for j, name in enumerate(names):
-                a, b = coal.Transform3s(*_parts(place[int(k)])), coal.Transform3s(*_parts(place[count + j]))
-                request, result = coal.DistanceRequest(), coal.DistanceResult()
-                distance.append(coal.distance(objects[int(k)].geometry, a, objects[count + j].geometry, b, request, result))
-                pairs.append((self.bodies[k].link, name))
-        return pairs, np.array(distance)
-
-    def apart(self, q: np.ndarray, t: float, rows: Sequence[int], margin: float = 0.0) -> bool:
-        """Whether some pairs are all farther apart than a margin [m]; quicker than their distances.
-
-        Args:
-            q: one configuration [rad], shape (nv,); t: time [s]; rows: numbers of the pairs.
-        """
-        if not len(rows):
-            return True
-        self._place(q, t)
-        for row in rows:
-            self._geometry_data.collisionRequests[row].security_margin = margin
-            if pin.computeCollision(self._geometry, self._geometry_data, row):
-                return False
-        return True
 
     def closest(self, q: ArrayLike, t: ArrayLike = 0.0) -> list[Closest]:
         """The nearest pair of each configuration, length N; arguments and errors as of `nearest`."""
@@ -199,15 +176,25 @@ class CollisionScene:
         pin.updateGeometryPlacements(self.robot.model, self._data, self._geometry, self._geometry_data, q)
 
     def _exact(self, pair: int) -> float:
-        return pin.computeDistance(self._geometry, self._geometry_data, int(pair)).min_distance
+        if self._by_formula[pair]:
+            return self._ball_in_cylinder(*self.index[pair])
+        return pin.computeDistance(self._geometry, self._geometry_data, pair).min_distance
 
-    def _pair_indices(self, self_pairs: Sequence[tuple[str, str]]) -> np.ndarray:
+    def _ball_in_cylinder(self, first: int, second: int) -> float:
+        """Coal's distance of a ball and a cylinder is wrong where the middle of the ball is inside (by up to its radius)."""
+        solids = (*self.bodies, *self.obstacles)
+        shapes = [getattr(solid, "shape", solid) for solid in (solids[first], solids[second])]
+        places = [self._geometry_data.oMg[int(k)] for k in (first, second)]
+        ball = 0 if isinstance(shapes[0], Sphere) else 1
+        center = places[1 - ball].actInv(places[ball].translation)
+        return float(shapes[1 - ball].local_distance(center[None])[0]) - shapes[ball].radius
+
+    def _pair_indices(self, self_pairs: Sequence[tuple[str, str]], fixed: bool) -> np.ndarray:
         by_link: dict[str, list[int]] = {}
         for k, body in enumerate(self.bodies):
             by_link.setdefault(body.link, []).append(k)
-        pairs = [
-            (k, len(self.bodies) + j) for k, body in enumerate(self.bodies) if body.joint for j in range(len(self.obstacles))
-        ]
+        looked_at = [k for k, body in enumerate(self.bodies) if (body.joint == 0) == fixed]
+        pairs = [(k, len(self.bodies) + j) for k in looked_at for j in range(len(self.obstacles))]
         for first, second in self_pairs:
             for name in (first, second):
                 if name not in by_link:
@@ -241,10 +228,6 @@ def exact_distance(
 def obstacle_names(obstacles: Sequence[Shape]) -> list[str]:
     """A name for each: its own, else its kind and its number from 1."""
     return [obstacle.name or f"{obstacle.kind} {k + 1}" for k, obstacle in enumerate(obstacles)]
-
-
-def _parts(place: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
-    return place.rotation, place.translation
 
 
 def _carried(model: pin.Model, body_joint: np.ndarray) -> np.ndarray:
