@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -99,6 +100,7 @@ class CollisionScene:
         self.speed_bounds = speeds[self.index[:, 1]]
         kinds = np.array([body.shape.kind for body in self.bodies] + [obstacle.kind for obstacle in self.obstacles], dtype=object)
         self._by_formula = [set(kinds[ij]) == {Sphere.kind, Cylinder.kind} for ij in self.index]
+        self._moving = [(k, obstacle) for k, obstacle in enumerate(self.obstacles) if obstacle.moves]
         self._geometry = self._geometry_model()
         self._data, self._geometry_data = robot.model.createData(), pin.GeometryData(self._geometry)
 
@@ -170,9 +172,8 @@ class CollisionScene:
         return bounds
 
     def _place(self, q: np.ndarray, t: float) -> None:
-        for k, obstacle in enumerate(self.obstacles):
-            if obstacle.moves:
-                self._geometry.geometryObjects[len(self.bodies) + k].placement = pin.SE3(obstacle.pose_at(t))
+        for k, obstacle in self._moving:
+            self._geometry.geometryObjects[len(self.bodies) + k].placement = pin.SE3(obstacle.pose_at(t))
         pin.updateGeometryPlacements(self.robot.model, self._data, self._geometry, self._geometry_data, q)
 
     def _exact(self, pair: int) -> float:
@@ -207,7 +208,7 @@ class CollisionScene:
         placed = [(f"body {k}", body.joint, body.shape) for k, body in enumerate(self.bodies)]
         placed += [(f"obstacle {k}", 0, obstacle) for k, obstacle in enumerate(self.obstacles)]
         for name, joint, shape in placed:
-            geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(shape.pose_at(0.0)), shape.coal_geometry()))
+            geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(shape.pose_at(0.0)), _for_coal(shape)))
         for i, j in self.index:
             geometry.addCollisionPair(pin.CollisionPair(int(i), int(j)))
         return geometry
@@ -228,6 +229,12 @@ def exact_distance(
 def obstacle_names(obstacles: Sequence[Shape]) -> list[str]:
     """A name for each: its own, else its kind and its number from 1."""
     return [obstacle.name or f"{obstacle.kind} {k + 1}" for k, obstacle in enumerate(obstacles)]
+
+
+@lru_cache(maxsize=512)
+def _for_coal(shape: Shape):
+    """The solid for the collision library, made once: for a mesh that takes a millisecond or two."""
+    return shape.coal_geometry()
 
 
 def _carried(model: pin.Model, body_joint: np.ndarray) -> np.ndarray:
