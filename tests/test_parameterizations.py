@@ -290,3 +290,49 @@ def test_impossible_options_are_refused_in_one_line(make, words):
         make()
     message = str(caught.value)
     assert "\n" not in message and all(word in message for word in words)
+
+
+def test_times_may_have_any_shape_and_their_ends_are_forgiven_rounding(space):
+    motion = space.trajectory(random_coefficients(space, np.random.default_rng(9)))
+    t = np.linspace(0.0, T, 6)
+    assert motion(0).shape == (NV,) and motion([0, 1]).shape == (2, NV) and motion(np.empty(0)).shape == (0, NV)
+    np.testing.assert_array_equal(motion(t.reshape(2, 3), 1), motion(t, 1).reshape(2, 3, NV))
+    np.testing.assert_array_equal(motion(np.array([-1e-10, T * (1 + 1e-10)])), motion(np.array([0.0, T])))
+
+
+@pytest.mark.parametrize(
+    "t, order, words",
+    [
+        (T + 0.1, 0, ["t is 1.8 s", "0 to 1.7 s", "numpy.clip"]),
+        (-0.01, 1, ["t is -0.01 s", "0 to 1.7 s"]),
+        ([0.5, float("nan")], 0, ["t is nan"]),
+        (float("inf"), 0, ["t is inf"]),
+        (None, 0, ["t is None", "times in seconds"]),
+        ("start", 0, ["t is 'start'"]),
+        (0.5, -1, ["order is -1", "0 (position)", "3 (jerk)"]),
+        (0.5, 6, ["order is 6"]),
+        (0.5, 1.0, ["order is 1.0"]),
+        (0.5, "velocity", ["order is 'velocity'", "1 (velocity)"]),
+        (0.5, None, ["order is None"]),
+        (0.5, True, ["order is True"]),
+    ],
+)
+def test_what_a_motion_does_not_say_is_an_error_and_no_number(space, t, order, words):
+    motion = space.trajectory(np.zeros((space.size, NV)))
+    with pytest.raises(eo.InputError) as caught:
+        motion(t, order)
+    assert "\n" not in str(caught.value) and all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_derivatives_go_up_to_the_degree_and_to_the_jerk_at_least():
+    """A cubic's fourth derivative is zero nearly everywhere and infinite at the knots: it is no number to hand out."""
+    rng = np.random.default_rng(10)
+    for degree, highest in ((3, 3), (4, 4), (5, 5)):
+        space = BSpline(degree=degree).space(T)
+        motion = space.trajectory(random_coefficients(space, rng))
+        step = 1e-4 * np.diff(space.breaks).min()
+        t = 0.5 * (space.breaks[1:] + space.breaks[:-1])
+        slope = (motion(t + step, highest - 1) - motion(t - step, highest - 1)) / (2 * step)
+        assert near(motion(t, highest), slope, 1e-6)
+        with pytest.raises(eo.InputError, match=f"order is {highest + 1}"):
+            motion(t, highest + 1)

@@ -1,7 +1,7 @@
 """Trajectory: a motion q(t) on [0, T], a callable that gives any derivative at any times.
 
 Every motion in energyopt (plans, baselines, guesses) is one of the classes of this file, so that everything
-that judges or draws a motion needs only `traj(t, order)`.
+that judges or draws a motion needs only `traj(t, order)`. Outside [0, T] there is no motion, and asking for it is an error.
 """
 
 from __future__ import annotations
@@ -12,6 +12,12 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import BSpline as ScipySpline
 from scipy.interpolate import PPoly
+
+from energyopt.errors import ProblemError
+from energyopt.problem_values import numbers, whole
+
+ROUNDING = 1e-9
+"""Share of the duration by which a time may lie outside [0, T] and still count as its end."""
 
 
 @lru_cache(maxsize=32)
@@ -43,18 +49,39 @@ class Trajectory(ABC):
     breaks: np.ndarray
 
     def __call__(self, t: np.ndarray | float, order: int = 0) -> np.ndarray:
-        """The derivative of the given order at the times ``t`` [s], clamped to [0, T].
+        """The derivative of the given order at the times ``t`` [s].
 
         Args:
-            t: times, shape (N,), or one time.
-            order: 0 position [rad], 1 velocity, 2 acceleration, 3 jerk.
+            t: times from 0 to T, of any shape (N,), or one time. A motion says nothing of what comes before and after it:
+                an arm that waits stands at ``traj(np.clip(t, 0, traj.duration))`` and has no velocity.
+            order: 0 position [rad], 1 velocity, 2 acceleration, 3 jerk, and further up to `highest_order`.
 
         Returns:
             shape (N, nv), or (nv,) for one time.
+
+        Raises:
+            ProblemError: a time is no number or outside [0, T] by more than rounding, or there is no such derivative.
         """
-        times = np.asarray(t, dtype=float)
-        flat = np.clip(np.atleast_1d(times), 0.0, self.duration)
-        return self._evaluate(flat, order).reshape(times.shape + (self.nv,))
+        times = numbers("trajectory: t", t, "times in seconds")
+        order = whole("trajectory: order", order, 0, self.highest_order, self._orders())
+        flat = times.ravel()
+        slack = ROUNDING * self.duration
+        outside = np.flatnonzero(~((flat >= -slack) & (flat <= self.duration + slack)))
+        if outside.size:
+            raise ProblemError(
+                f"trajectory: t is {flat[outside[0]]:.6g} s: expected 0 to {self.duration:.6g} s, its duration; "
+                "numpy.clip(t, 0, duration) holds the ends"
+            )
+        return self._evaluate(np.clip(flat, 0.0, self.duration), order).reshape(times.shape + (self.nv,))
+
+    @property
+    def highest_order(self) -> int:
+        """The highest derivative that can be asked for."""
+        return 3
+
+    def _orders(self) -> str:
+        names = "0 (position), 1 (velocity), 2 (acceleration) or 3 (jerk)"
+        return names if self.highest_order == 3 else f"{names}, or up to {self.highest_order}"
 
     @abstractmethod
     def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray: ...
@@ -85,6 +112,10 @@ class SplineTrajectory(Trajectory):
         self.duration = float(self.breaks[-1])
         self.nv = self.spline.c.shape[1]
         self._derivatives = {0: self.spline}
+
+    @property
+    def highest_order(self) -> int:
+        return max(3, self.degree)
 
     def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
         if order > self.degree:
@@ -121,6 +152,10 @@ class PolynomialTrajectory(Trajectory):
         self.nv = self.coefficients.shape[2]
         self._pieces = {0: PPoly(self.coefficients[:, ::-1].transpose(1, 0, 2), self.breaks)}
 
+    @property
+    def highest_order(self) -> int:
+        return max(3, self.coefficients.shape[1] - 1)
+
     def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
         if order not in self._pieces:
             self._pieces[order] = self._pieces[0].derivative(order)
@@ -145,6 +180,11 @@ class SinusoidTrajectory(Trajectory):
         self.nv = self.polynomial.shape[1]
         harmonics = max(1, len(self.sine))
         self.breaks = np.linspace(0.0, self.duration, 4 * harmonics + 1)
+
+    @property
+    def highest_order(self) -> int:
+        """All exist; two more than the jerk serve to find where it is extreme."""
+        return 5
 
     def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
         s = t / self.duration
