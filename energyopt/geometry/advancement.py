@@ -21,9 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.dynamics.body import joint_axis
 from energyopt.geometry.exact import CollisionScene
-from energyopt.geometry.kinematics import joint_placements
+from energyopt.geometry.kinematics import joint_axes, joint_placements
 
 BLOCK = 64
 """Exact distances taken before it is looked again which others are still needed."""
@@ -210,7 +209,7 @@ def ball_travel(
     rho = np.zeros((len(row), model.nv))
     for j in range(1, model.njoints):
         v = model.joints[j].idx_v
-        kind, axis = joint_axis(model, j)
+        kind, axis = joint_axes(model)[j]
         moved = np.flatnonzero(scene.carried[body, v])
         if kind == "prismatic":
             rho[moved, v] = 1.0

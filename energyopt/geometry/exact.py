@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
@@ -52,8 +52,6 @@ class CollisionScene:
     Attributes:
         pairs: names (first, second) of every pair, length P.
         index: the same as numbers of bodies, those of obstacles counted on, shape (P, 2).
-        rate_bounds: rate of each pair, shape (P, nv) [m/rad].
-        speed_bounds: of the obstacle of each pair [m/s], shape (P,); zero for pairs of links.
         bodies, obstacles: what is looked at.
         body_joint: joint of each body, shape (B,); ball_center, ball_radius: a ball around it in that joint's frame [m].
         carried: which joints move a body, shape (B, nv).
@@ -89,20 +87,26 @@ class CollisionScene:
         names = [body.link for body in self.bodies] + obstacle_names(self.obstacles)
         self.pairs = tuple((names[i], names[j]) for i, j in self.index)
         self.carried = _carried(robot.model, self.body_joint)
-        still = np.zeros((len(self.obstacles), robot.nv), bool)
-        moves = np.concatenate([self.carried, still])
+        moves = np.concatenate([self.carried, np.zeros((len(self.obstacles), robot.nv), bool)])
         self.relative = moves[self.index[:, 0]] != moves[self.index[:, 1]]
-        single = travel_bounds(robot.model, self.body_joint, self.ball_center, self.ball_radius)
-        single = np.concatenate([single, still])
-        # Joints that move both bodies of a pair alike do not change their distance.
-        self.rate_bounds = self.relative * (single[self.index[:, 0]] + single[self.index[:, 1]])
-        speeds = np.array([0.0] * len(self.bodies) + [obstacle.speed_bound() for obstacle in self.obstacles])
-        self.speed_bounds = speeds[self.index[:, 1]]
         kinds = np.array([body.shape.kind for body in self.bodies] + [obstacle.kind for obstacle in self.obstacles], dtype=object)
         self._by_formula = [set(kinds[ij]) == {Sphere.kind, Cylinder.kind} for ij in self.index]
         self._moving = [(k, obstacle) for k, obstacle in enumerate(self.obstacles) if obstacle.moves]
         self._geometry = self._geometry_model()
         self._data, self._geometry_data = robot.model.createData(), pin.GeometryData(self._geometry)
+
+    @cached_property
+    def rate_bounds(self) -> np.ndarray:
+        """Rate of each pair, shape (P, nv) [m/rad]; joints that move both bodies alike do not change their distance."""
+        single = travel_bounds(self.robot.model, self.body_joint, self.ball_center, self.ball_radius)
+        single = np.concatenate([single, np.zeros((len(self.obstacles), self.robot.nv))])
+        return self.relative * (single[self.index[:, 0]] + single[self.index[:, 1]])
+
+    @cached_property
+    def speed_bounds(self) -> np.ndarray:
+        """Of the obstacle of each pair [m/s], shape (P,); zero for pairs of links."""
+        speeds = np.array([0.0] * len(self.bodies) + [obstacle.speed_bound() for obstacle in self.obstacles])
+        return speeds[self.index[:, 1]]
 
     def exact(self, q: np.ndarray, t: float, pairs: np.ndarray) -> np.ndarray:
         """Distances [m], shape (M,), of some pairs, by number, at one configuration ``q`` (nv,) and time [s]."""

@@ -6,12 +6,20 @@ Plain NumPy over all configurations together: the reference for compiled kernels
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from energyopt.dynamics.body import joint_axis
 from energyopt.errors import GeometryError
+
+
+@lru_cache(maxsize=32)
+def joint_axes(model: pin.Model) -> tuple[tuple[str, np.ndarray], ...]:
+    """Kind and axis of every joint (see `joint_axis`), an entry for the fixed world first."""
+    return (("fixed", np.zeros(3)), *(joint_axis(model, j) for j in range(1, model.njoints)))
 
 
 def configurations(model: pin.Model, q: ArrayLike) -> np.ndarray:
@@ -33,7 +41,7 @@ def joint_placements(model: pin.Model, q: ArrayLike) -> tuple[np.ndarray, np.nda
     rotation[:, 0], position[:, 0] = np.eye(3), 0.0
     for j in range(1, model.njoints):
         parent, place = model.parents[j], model.jointPlacements[j]
-        kind, axis = joint_axis(model, j)
+        kind, axis = joint_axes(model)[j]
         angle = q[:, model.joints[j].idx_v]
         rotation[:, j] = rotation[:, parent] @ place.rotation
         position[:, j] = position[:, parent] + rotation[:, parent] @ place.translation
@@ -57,7 +65,7 @@ def point_jacobians(
     """
     jacobian = np.zeros((model.nv, *points.shape))
     for j in range(1, model.njoints):
-        kind, axis = joint_axis(model, j)
+        kind, axis = joint_axes(model)[j]
         moved = np.flatnonzero([j in model.supports[int(k)] for k in joint])
         direction = (rotation[:, j] @ axis)[:, None]
         if kind == "revolute":
@@ -84,7 +92,7 @@ def travel_bounds(model: pin.Model, joint: np.ndarray, center: np.ndarray, radiu
         reach = float(np.linalg.norm(c) + r)
         while j > 0:
             v = model.joints[j].idx_v
-            kind, axis = joint_axis(model, j)
+            kind, axis = joint_axes(model)[j]
             if kind == "prismatic":
                 bounds[b, v] = 1.0
                 reach += max(abs(model.lowerPositionLimit[v]), abs(model.upperPositionLimit[v]))
