@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from energyopt.parameterizations.bspline import SplineSpace
+from energyopt.problem import Problem
 from energyopt.transcription import NonlinearProgram
 
 REMAINDER = 0.7
@@ -25,7 +26,11 @@ SHARE = 0.9
 END_SPLIT = 0.25
 """The two end spans, whose ramps from and to zero acceleration the estimate does not see, are always split at this share."""
 LEAST_SPAN = 2e-5
-"""No span becomes shorter than this share of the duration: accelerations are differences of coefficients over its square."""
+"""No span becomes shorter than this share of the duration."""
+ROUNDING = 20 * np.finfo(float).eps
+"""Rounding of an n-th difference of coefficients around 1 rad; on a span h the n-th derivative has it over hⁿ."""
+FORGIVEN = 3e-7
+"""What rounding may contribute to an acceleration [rad/s²], or to a jerk as a share of its limit: the check forgives 1e-6."""
 MOST_SPANS = 400
 """Refinement ends here, whatever the accuracy asked."""
 
@@ -62,15 +67,29 @@ def span_gains(space: SplineSpace, fine: NonlinearProgram, x: np.ndarray) -> np.
     return np.bincount(span, by_coefficient, minlength=len(space.breaks) - 1)
 
 
-def refine(space: SplineSpace, gains: np.ndarray) -> SplineSpace:
-    """The space with the worst spans bisected and the end spans split."""
+def shortest_span(problem: Problem) -> float:
+    """The span [s] on which accelerations and jerks that have limits are still exact enough to be checked against them.
+
+    Splitting further would gain nothing either: in so short a time a limited jerk changes no acceleration.
+    """
+    limits = problem.limits
+    ends = (problem.start, problem.goal_position)
+    rounding = ROUNDING * max(1.0, *(np.abs(q).max() for q in ends if q is not None))
+    least = [LEAST_SPAN * problem.duration, (rounding / (FORGIVEN * limits.jerk.min())) ** (1 / 3)]
+    if np.isfinite(limits.acceleration).any():
+        least.append((rounding / FORGIVEN) ** 0.5)
+    return max(least)
+
+
+def refine(space: SplineSpace, gains: np.ndarray, shortest: float = 0.0) -> SplineSpace:
+    """The space with the worst spans bisected and the end spans split, but for parts shorter than ``shortest`` [s]."""
     order, breaks = np.argsort(gains)[::-1], space.breaks
     needed = np.searchsorted(np.cumsum(gains[order]), SHARE * gains.sum()) + 1
     split = np.full(len(gains), np.nan)
     split[order[:needed]] = 0.5
     split[0], split[-1] = END_SPLIT, 1.0 - END_SPLIT
     width = np.diff(breaks)
-    split[np.minimum(split, 1.0 - split) * width < LEAST_SPAN * space.duration] = np.nan
+    split[np.minimum(split, 1.0 - split) * width < max(shortest, LEAST_SPAN * space.duration)] = np.nan
     return space.refined((breaks[:-1] + split * width)[np.isfinite(split)])
 
 

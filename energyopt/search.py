@@ -17,7 +17,7 @@ from energyopt.parameterizations import BSpline
 from energyopt.parameterizations.space import MotionSpace
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
-from energyopt.refinement import MOST_SPANS, REMAINDER, bisected, refine, span_gains
+from energyopt.refinement import MOST_SPANS, REMAINDER, bisected, refine, shortest_span, span_gains
 from energyopt.solvers import IpoptOptions, Outcome, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
 
@@ -109,7 +109,7 @@ class Search:
         started = time.perf_counter()
         fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts)
         gains = span_gains(self.space, fine, fine.guess(self.trajectory))
-        self.space = refine(self.space, gains)
+        self.space = refine(self.space, gains, shortest_span(self.problem))
         self.solve_s += time.perf_counter() - started
         return True
 

@@ -117,3 +117,27 @@ def test_knots_gather_where_a_long_hold_meets_a_short_swing():
     assert len(still) > 0.4 * len(t), "most of the time the arm hangs"
     width = np.diff(plan.trajectory.breaks)
     assert width[resting].mean() > 2.0 * width[~resting].mean()
+
+
+def random_move(name, seed, **limits):
+    """A random rest-to-rest move; each limit is given as a multiple of what the quintic needs of every joint."""
+    robot, rng = arms.catalogue_robot(name), np.random.default_rng(seed)
+    low, high = np.maximum(robot.limits.lower, -2.5), np.minimum(robot.limits.upper, 2.5)
+    start, goal = rng.uniform(low + 0.1 * (high - low), high - 0.1 * (high - low), (2, robot.nv))
+    duration = 1.4 * np.max(1.875 * np.abs(goal - start) / robot.limits.velocity)
+    free = eo.Problem(robot, start, goal, duration)
+    motion, t = eo.baseline(free), np.linspace(0.0, duration, 1001)
+    orders = {"velocity_limits": 1, "acceleration_limits": 2, "jerk_limits": 3}
+    needed = {key: factor * np.abs(motion(t, orders[key])).max(axis=0) for key, factor in limits.items()}
+    return eo.Problem(robot, start, goal, duration, **needed)
+
+
+@pytest.mark.parametrize("factor", [3, 10, 100, 1000])
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_with_jerk_limits_the_refinement_reaches_the_accuracy_too(name, factor):
+    """From limits that bind everywhere to ones that bind only in the shortest spans, at the ends."""
+    for seed in (1, 2):
+        plan = eo.plan(random_move(name, seed, jerk_limits=factor))
+        assert plan.solved and plan.options["levels"] >= 2
+        assert plan.discretization_error <= 0.01
+        assert not any("refinement stopped" in note for note in plan.notes)

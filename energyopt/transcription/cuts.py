@@ -69,11 +69,11 @@ class Cuts:
         times = np.unique([t for t, _ in torque] + [t for pair in rates for t in pair[:2]])
         at = lambda values: samples + np.searchsorted(times, values)
         limit = np.array([problem.limits.torque[i] for _, i in torque]) * (1.0 - TORQUE_BACKOFF)
-        rate = np.array([problem.limits.torque_rate[i] for *_, i in rates]) * (1.0 - RATE_BACKOFF)
-        inverse = np.array([1.0 / (t1 - t0) for t0, t1, _ in rates])
+        # In units of the limit: a tolerance in N·m/s would be below the rounding of a difference over so short a time.
+        inverse = np.array([1.0 / (problem.limits.torque_rate[i] * (t1 - t0)) for t0, t1, i in rates])
         pair_row = len(torque) + np.arange(len(rates))
         joints = np.array([i for *_, i in rates], int)
-        bound = np.concatenate([limit, rate])
+        bound = np.concatenate([limit, np.full(len(rates), 1.0 - RATE_BACKOFF)])
         return TorqueRows(
             times=times,
             row=np.concatenate([np.arange(len(torque)), pair_row, pair_row]).astype(int),

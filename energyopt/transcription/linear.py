@@ -14,10 +14,15 @@ from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
 from energyopt.problem import Problem
 from energyopt.robots.model import Limits
 
-KINEMATIC_BACKOFF = 1e-7
-"""Limits are approached to this share, so that the solver's own tolerance does not break them."""
-ROW_BACKOFF = 2e-9
-"""The same for rows scaled to coefficients of one, in their own unit: on a span h it is 2e-9 p/h rad/s."""
+TOLERATED = 1e-8
+"""What the solver may violate a row by, in the unit the row is scaled to."""
+FORGIVEN = 1e-7
+"""What a motion may exceed a limit by, in the limit's unit and as a share of the interval between two limits."""
+MOST_BACKOFF = 3e-3
+"""Rows that the solver may violate by more than that are moved inside, by this share of their interval at most."""
+LARGEST_COEFFICIENT = 1e4
+"""Rows are in units of the width of their interval, but coefficients are no larger than this: beyond it, sums of them would be
+rounded by more than the solver tolerates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,6 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
     nv, groups = problem.robot.nv, []
     for order in range(4):
         low, high = limits_of_order(problem.limits, order)
-        low, high = _backed_off(low, 1.0), _backed_off(high, -1.0)
         if np.any(np.isfinite(low) | np.isfinite(high)):
             rows = space.bounding_rows(order)
             groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1))))
@@ -92,11 +96,6 @@ def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, sample
     return _in_unknowns(rows, unknowns, *(np.concatenate([g[k] for g in groups]) for k in (1, 2)))
 
 
-def _backed_off(bound: np.ndarray, sign: float) -> np.ndarray:
-    finite = np.where(np.isfinite(bound), bound, 0.0)
-    return bound + sign * KINEMATIC_BACKOFF * np.abs(finite)
-
-
 def _in_unknowns(rows: Rows, unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> LinearRows:
     """Rows in coefficients (shared by the joints) → rows and bounds in x; ``low`` and ``high`` are (R, nv)."""
     count = max(unknowns.count, 1)
@@ -105,8 +104,10 @@ def _in_unknowns(rows: Rows, unknowns: Unknowns, low: np.ndarray, high: np.ndarr
     known = block >= 0
     key, place = np.unique(rows.row[known] * count + block[known], return_inverse=True)
     value = np.bincount(place, rows.value[known], minlength=len(key))
-    kept = np.abs(value) > 1e-12 * np.abs(value).max(initial=0.0)
-    row, block, value = key[kept] // count, key[kept] % count, value[kept]
+    row, block = np.divmod(key, count)
+    # Entries that cancel are dropped, judged row by row: those of a jerk on short spans are 1e13 times those of a position.
+    kept = np.abs(value) > 1e-12 * _largest(rows.row, rows.value, rows.count)[row]
+    row, block, value = row[kept], block[kept], value[kept]
     touched = np.bincount(row, minlength=rows.count)
     single = touched[row] == 1
     bounds = _simple_bounds(row[single], block[single], value[single], low - constant, high - constant, unknowns.count)
@@ -124,22 +125,46 @@ def _simple_bounds(row, block, value, low, high, count: int) -> tuple[np.ndarray
 
 
 def _general_rows(row, block, value, sides, bounds) -> LinearRows:
-    """One row a joint with a finite limit, scaled so that its largest coefficient is one."""
+    """One row a joint with a finite limit.
+
+    The third difference that bounds a jerk on a short span may vary by 1e-10 rad only, so what the solver tolerates must be a
+    share of the row's own interval [low, high]: rows are scaled to intervals of width one, but to largest coefficients not
+    below one and not above `LARGEST_COEFFICIENT`.
+    """
     low, high, constant = sides
     count, nv = low.shape
-    largest = np.zeros(count)
-    np.maximum.at(largest, row, np.abs(value))
+    largest = _largest(row, value, count)
     bounded = (largest > 0)[:, None] & (np.isfinite(low) | np.isfinite(high))
+    scale = _row_scale(largest, high - low)
     number = np.cumsum(bounded.ravel()).reshape(count, nv) - 1
     used = bounded[row].ravel()
     new_row = number[row].ravel()[used]
     new_column = (block[:, None] * nv + np.arange(nv)).ravel()[used]
-    new_value = np.repeat(value / largest[row], nv)[used]
+    new_value = (value[:, None] * scale[row]).ravel()[used]
     order = np.argsort(new_row, kind="stable")
-    scale = (1.0 / np.where(largest > 0, largest, 1.0))[:, None]
     start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
     pick = lambda side: (side * scale)[bounded]
-    backoff = np.minimum(ROW_BACKOFF, 3e-3 * (pick(high) - pick(low)))
+    backoff = _backoff(pick(high) - pick(low), scale[bounded])
     return LinearRows(
         start, new_column[order], new_value[order], pick(constant), pick(low) + backoff, pick(high) - backoff, *bounds
     )
+
+
+def _row_scale(largest: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """What to multiply each row by, (R, nv), from its largest coefficient (R,) and the width of its interval (R, nv)."""
+    unit = 1.0 / np.where(largest > 0, largest, 1.0)[:, None]
+    with np.errstate(divide="ignore"):
+        return unit * np.clip(1.0 / (width * unit), 1.0, np.where(width > 0, LARGEST_COEFFICIENT, 1.0))
+
+
+def _backoff(width: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """How far rows are moved inside their intervals of the given (scaled) widths, (R,)."""
+    backoff = np.clip(TOLERATED - FORGIVEN * np.minimum(width, scale), 0.0, MOST_BACKOFF * width)
+    return np.where(np.isfinite(width), backoff, TOLERATED)
+
+
+def _largest(row: np.ndarray, value: np.ndarray, count: int) -> np.ndarray:
+    """Magnitude of the largest entry of each row, (count,)."""
+    largest = np.zeros(count)
+    np.maximum.at(largest, row, np.abs(value))
+    return largest
