@@ -14,6 +14,7 @@ import numpy as np
 
 from energyopt.arguments import check_planning
 from energyopt.dynamics import backend
+from energyopt.dynamics.compiler import why_interpreted
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
 from energyopt.feasibility import check_feasibility
@@ -241,7 +242,7 @@ def _finish(campaign: _Campaign, search: Search, compile_s: float, settings: dic
 def _notes(campaign: _Campaign, search: Search) -> tuple[str, ...]:
     notes = list(campaign.problem.robot.notes)
     if campaign.kernels.kind == "interpreted":
-        notes.append("no C compiler: kernels ran interpreted (same numbers, slower)")
+        notes.append(f"{why_interpreted()}: kernels ran interpreted (same numbers, slower)")
     if search.reason.startswith("refinement stopped"):
         notes.append(search.reason)
     return tuple(notes)

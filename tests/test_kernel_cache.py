@@ -35,6 +35,7 @@ def fresh(tmp_path, monkeypatch):
         for name, value in environment.items():
             monkeypatch.setenv(name, value) if value is not None else monkeypatch.delenv(name, raising=False)
         monkeypatch.setattr(kernels, "_LOADED", {})
+        monkeypatch.setattr(compiler, "_FAILURES", {})
         monkeypatch.setattr(tempfile, "tempdir", None)
         compiler.find_compiler.cache_clear()
         compiler.cache_folder.cache_clear()
@@ -196,7 +197,8 @@ def test_without_a_compiler_one_notice_and_the_same_plan(fresh, caplog):
     with caplog.at_level(logging.WARNING, "energyopt"):
         plans = [eo.plan(reach(robot), eo.BSpline(control_points=14, accuracy=None)) for _ in range(2)]
     assert [record.levelname for record in caplog.records] == ["WARNING"]
-    assert "no C compiler" in caplog.text and "slower" in caplog.text
+    assert "no C compiler (switched off by ENERGYOPT_CC=none)" in caplog.text and "slower" in caplog.text
+    assert all("no C compiler (switched off by ENERGYOPT_CC=none): kernels ran" in " ".join(plan.notes) for plan in plans)
     assert all(plan.options["kernels"] == "interpreted" and plan.solved for plan in plans)
     assert plans[0].objective == pytest.approx(usual.objective, rel=SAME_PLAN)
     t = np.linspace(0.0, 1.5, 50)
@@ -215,14 +217,30 @@ def test_a_compiler_that_fails_on_the_kernels_is_named_once_and_done_without(fre
         plan = eo.plan(reach(arms.pendulum()))
     assert plan.solved and plan.options["kernels"] == "interpreted"
     assert len(caplog.records) == 1 and "out of ideas" in caplog.text
+    note = next(note for note in plan.notes if "interpreted" in note)
+    assert "compiler' failed (kernels.c: error: out of ideas)" in note and "no C compiler" not in note
     assert not list(compiler.cache_folder().glob("*.so"))
 
 
-def test_a_compiler_that_never_works_is_passed_over(fresh, tmp_path, monkeypatch):
+def test_a_compiler_that_never_works_is_named_and_passed_over(fresh, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compiler, "find_spec", lambda name: None)
-    fresh(ENERGYOPT_CC=wrapper(tmp_path, "exit 1"), PATH=str(tmp_path))
-    assert compiler.find_compiler() is None
+    fresh(ENERGYOPT_CC=wrapper(tmp_path, "echo 'no licence: error' >&2; exit 1"), PATH=str(tmp_path))
+    with caplog.at_level(logging.WARNING, "energyopt"):
+        assert compiler.find_compiler() is None and compiler.find_compiler() is None
+    assert len(caplog.records) == 1
+    assert all(word in caplog.text for word in ("ENERGYOPT_CC is", "compiles no C file: no licence", "no other compiler"))
     assert kernels.kernels_of(arms.pendulum().dynamics).kind == "interpreted"
+
+
+@needs_compiler
+@pytest.mark.parametrize("variable", ["ENERGYOPT_CC", "CC"])
+def test_a_compiler_that_is_not_there_is_named_once_and_another_used(fresh, caplog, variable):
+    fresh(**{variable: "no-such-cc -O9"})
+    with caplog.at_level(logging.WARNING, "energyopt"):
+        found = [compiler.find_compiler() for _ in range(2)]
+    assert found[0] == found[1] and found[0] is not None
+    assert len(caplog.records) == 1
+    assert f"{variable} is 'no-such-cc -O9', which is no program that can be run; '{' '.join(found[0])}' is used" in caplog.text
 
 
 PROGRAM = """

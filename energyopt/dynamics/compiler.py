@@ -30,22 +30,50 @@ COMPILE_TIMEOUT = 600.0
 """Seconds after which a compiler is given up."""
 
 
+_FAILURES: dict[tuple[str, ...], str] = {}
+"""By compiler, what went wrong with it first; that has been said in the log."""
+
+
 @lru_cache(maxsize=1)
 def find_compiler() -> tuple[str, ...] | None:
     """The C compiler command: $ENERGYOPT_CC or $CC, else cc, gcc or clang, else the `ziglang` package; None without one.
 
-    ``ENERGYOPT_CC=none`` switches compilation off.
+    ``ENERGYOPT_CC=none`` switches compilation off. A compiler that was asked for and cannot be used is named once in the log.
     """
-    asked = os.environ.get("ENERGYOPT_CC") or os.environ.get("CC")
-    if asked == "none":
+    variable, asked = _asked()
+    if asked == ("none",):
         return None
-    for name in filter(None, (asked, "cc", "gcc", "clang")):
-        words = name.split()
-        if words and shutil.which(words[0]) and _compiles(tuple(words)):
-            return tuple(words)
-    if find_spec("ziglang") and _compiles((sys.executable, "-m", "ziglang", "cc")):
-        return (sys.executable, "-m", "ziglang", "cc")
-    return None
+    fault = _fault(asked) if asked else ""
+    found = asked if asked and not fault else _usual_compiler()
+    if fault:
+        instead = f"'{' '.join(found)}' is used in its place" if found else "and there is no other compiler"
+        log.warning("energyopt: %s is '%s', %s; %s", variable, " ".join(asked), fault, instead)
+    return found
+
+
+def why_interpreted() -> str:
+    """Why nothing is compiled, or nothing was, in a few words."""
+    compiler = find_compiler()
+    if compiler is None:
+        return "no C compiler" + (" (switched off by ENERGYOPT_CC=none)" if _asked()[1] == ("none",) else "")
+    return f"the C compiler '{' '.join(compiler)}' failed ({_FAILURES.get(compiler, 'its library does not work')})"
+
+
+def _asked() -> tuple[str, tuple[str, ...]]:
+    """The environment variable that names a compiler, and the command."""
+    for variable in ("ENERGYOPT_CC", "CC"):
+        words = tuple(os.environ.get(variable, "").split())
+        if words:
+            return variable, words
+    return "", ()
+
+
+def _usual_compiler() -> tuple[str, ...] | None:
+    for name in ("cc", "gcc", "clang"):
+        if not _fault((name,)):
+            return (name,)
+    zig = (sys.executable, "-m", "ziglang", "cc")
+    return zig if find_spec("ziglang") and not _fault(zig) else None
 
 
 @lru_cache(maxsize=1)
@@ -121,7 +149,9 @@ def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> 
                 target = folder / _library_name(key, made)
                 os.replace(made, target)
         except (OSError, subprocess.SubprocessError) as error:
-            log.warning("energyopt: the C compiler failed, kernels run interpreted (slower): %s", _reason(error))
+            if compiler not in _FAILURES:
+                _FAILURES[compiler] = _reason(error)[:200]
+                log.warning("energyopt: %s, what it was to compile runs interpreted (same numbers, slower)", why_interpreted())
             return None
     return target
 
@@ -156,15 +186,17 @@ def _reason(error: Exception) -> str:
     return next((line for line in text if "error" in line), text[0] if text else type(error).__name__)
 
 
-def _compiles(command: tuple[str, ...]) -> bool:
-    """Whether the command really makes a library (a compiler without headers or linker does not)."""
+def _fault(command: tuple[str, ...]) -> str:
+    """Why a command makes no library (a compiler without headers or linker does not), or ""."""
+    if not shutil.which(command[0]):
+        return "which is no program that can be run"
     text = "#include <math.h>\ntypedef double V __attribute__((vector_size(32)));\ndouble f(double x) { return sin(x); }\n"
     try:
         with tempfile.TemporaryDirectory(prefix="energyopt-") as work:
             _build(command, Path(work), {"probe": (text, ("-O1",))})
-        return True
-    except (OSError, subprocess.SubprocessError):
-        return False
+        return ""
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"which compiles no C file: {_reason(error)[:200]}"
 
 
 def _owned(path: Path) -> bool:

@@ -181,7 +181,8 @@ def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
 def _without_compiler(dynamics: Dynamics) -> Kernels:
     if compiler.find_compiler() is None:  # where there is one, what went wrong has been said
         log.warning(
-            "energyopt: no C compiler: kernels run interpreted (same numbers, slower); get gcc, clang or `pip install ziglang`"
+            "energyopt: %s: kernels run interpreted (same numbers, slower); get gcc, clang or `pip install ziglang`",
+            compiler.why_interpreted(),
         )
     return kernels_of(dynamics, compiled=False)
 
