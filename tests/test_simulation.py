@@ -1,13 +1,17 @@
 """MuJoCo against Pinocchio, closed forms, and itself."""
 
 import os
+import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import urdf_factory as factory
 
 import energyopt as eo
 from energyopt.errors import SimulationError
+from energyopt.robots import catalogue
+from energyopt.robots.catalogue import robots_folder
 from energyopt.simulation import build_engine, check_inverse_dynamics, replay_trajectory
 from energyopt.simulation.inverse import mujoco_torque
 
@@ -83,6 +87,60 @@ def test_static_link_with_impossible_inertia_on_a_moving_body_keeps_the_dynamics
     assert check_inverse_dynamics(robot) < SAME_TORQUE
 
 
+def arms_of_other_robots():
+    """Arms with light wrists, the rest of the robot locked."""
+    left = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_prosup", "wrist_pitch", "wrist_yaw")
+    icub = robots_folder() / "icub_description" / "robots" / "icub.urdf"
+    yield "tiago_pro", eo.load_robot("tiago_pro")
+    yield "icub", eo.load_robot(icub, joints=[f"l_{name}" for name in left])
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_default_gains_follow_random_motions_of_every_catalogue_arm(name):
+    follow_random_motions(eo.load_robot(name, torque_limits=np.inf))
+
+
+def test_default_gains_follow_random_motions_of_arms_whose_wrists_stand_upright():
+    for name, robot in arms_of_other_robots():
+        slope = max(gravity_slope(robot, q) for q in np.random.default_rng(0).uniform(*usual_range(robot), (200, robot.nv)))
+        assert slope > 1000, f"{name}: gravity is to pull harder than the feedback's 400 1/s²"
+        follow_random_motions(robot.with_limits(torque=np.full(robot.nv, np.inf)))
+
+
+def follow_random_motions(robot, duration=0.6):
+    rng = np.random.default_rng(1)
+    low, high = usual_range(robot)
+    for start, goal in rng.uniform(low, high, (2, 2, robot.nv)):
+        problem = eo.Problem(robot, start, start + 0.3 * (goal - start), duration)
+        log = replay_trajectory(problem, eo.baseline(problem), collisions=False)
+        # 3e-6 is seen from the Euler rule on quick motions; an arm that is not held is off by a radian.
+        assert log.tracking_max < 1e-5
+
+
+def usual_range(robot):
+    """The middle 80 % of the ranges, and of ±2.5 rad where they are wider."""
+    low, high = np.maximum(robot.limits.lower, -2.5), np.minimum(robot.limits.upper, 2.5)
+    return 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high
+
+
+def gravity_slope(robot, q):
+    """Largest eigenvalue of −M⁻¹ ∂g/∂q [1/s²]: how strongly gravity pulls the arm away from a posture."""
+    model, data, rest = robot.model, robot.model.createData(), np.zeros(robot.nv)
+    stiffness = pin.computeRNEADerivatives(model, data, q, rest, rest)[0].copy()
+    mass = np.array([pin.rnea(model, data, q, rest, e) - pin.rnea(model, data, q, rest, rest) for e in np.eye(robot.nv)]).T
+    return np.linalg.eigvals(-np.linalg.solve(mass, stiffness)).real.max()
+
+
+@pytest.mark.parametrize("length", [0.001, 0.004, 1.0])
+def test_an_upright_pendulum_is_held_however_short_it_is(tmp_path, length):
+    """Upright it falls as exp(√(g/l) t): at 1 mm gravity's 9810 1/s² stand against the feedback's 400 1/s²."""
+    robot = eo.load_robot(factory.write(tmp_path, factory.pendulum(1.0, length)), torque_limits=np.inf)
+    problem = eo.Problem(robot, [np.pi], [np.pi], 1.0, position_limits=([-4.0], [4.0]))
+    log = replay_trajectory(problem, eo.baseline(problem), initial_error=0.02, physics_step=1e-4)
+    expected = 0.02 * (1 + 20 * log.t) * np.exp(-20 * log.t)
+    np.testing.assert_allclose(log.tracking_error[:, 0], expected, atol=8e-5)
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_replay_follows_a_quintic_within_a_hundred_thousandth_of_a_radian(name):
     """Torque limits are lifted: in the middle of their ranges some arms cannot carry themselves."""
@@ -96,7 +154,7 @@ def test_replay_follows_a_quintic_within_a_hundred_thousandth_of_a_radian(name):
 def test_replay_logs_agree_with_each_other_and_with_the_plan(panda):
     problem, motion = swing(panda)
     log = replay_trajectory(problem, motion)
-    assert log.tracking_max < 1e-5 and log.saturated_steps == 0 and log.contacts is None
+    assert log.tracking_max < 1e-5 and log.saturated_steps == 0
     np.testing.assert_allclose(log.power, log.tau * log.v)
     np.testing.assert_allclose(log.tau_planned, panda.torque(motion(log.t), motion(log.t, 1), motion(log.t, 2)))
     # Inverse dynamics of the simulated motion is the logged torque: step by step the physics is Pinocchio's.
@@ -158,8 +216,8 @@ def test_errors_decay_as_the_gains_say(pendulum):
     problem = eo.Problem(pendulum, [0.3], [0.3], 0.5)
     log = replay_trajectory(problem, eo.baseline(problem), initial_error=0.01, physics_step=1e-4)
     expected = 0.01 * (1 + 20 * log.t) * np.exp(-20 * log.t)
-    # Gravity is compensated where the arm should be, not where it is: g/l·e adds a few per cent to the stiffness.
-    np.testing.assert_allclose(log.tracking_error[:, 0], expected, atol=3e-4)
+    # The Euler rule leaves 20 t h of the error, at its largest 4e-3 of 0.01.
+    np.testing.assert_allclose(log.tracking_error[:, 0], expected, atol=4e-5)
 
 
 def test_another_plant_shows_in_the_error(panda):
@@ -184,17 +242,6 @@ def test_position_limits_exert_no_force(panda):
     log = replay_trajectory(problem, eo.baseline(problem))
     weight = panda.torque(there, np.zeros(7), np.zeros(7))
     np.testing.assert_allclose(log.tau, np.tile(weight, (len(log.t), 1)), atol=1e-6)
-
-
-def test_contacts_are_counted_and_exert_no_force(panda):
-    folded = np.array([0.0, 1.0, 0.0, -3.0, 0.0, 0.1, 0.8])
-    problem = eo.Problem(panda, [0, -0.7, 0, -2.3, 0, 1.6, 0.8], folded, 1.0)
-    motion = eo.baseline(problem)
-    free, watched = replay_trajectory(problem, motion), replay_trajectory(problem, motion, collisions=True)
-    assert watched.contacts.max() > 0 and watched.contacts[0] == 0
-    np.testing.assert_array_equal(free.q, watched.q)
-    short = eo.Problem(panda, [0, -0.7, 0, -2.3, 0, 1.6, 0.8], [0.1, -0.6, 0, -2.2, 0, 1.6, 0.8], 0.5)
-    assert replay_trajectory(short, eo.baseline(short), collisions=True).contact_steps == 0
 
 
 @pytest.mark.parametrize(
@@ -242,7 +289,13 @@ def test_replay_names_what_is_no_plan_and_what_is_no_option(panda):
         eo.replay(eo.plan(eo.Problem(panda, panda.home, panda.home + 0.1, 1.0), eo.BSpline(accuracy=None)), phys_step=1e-3)
 
 
-def test_a_second_and_a_half_of_panda_takes_a_fraction_of_a_second(panda):
+def test_a_second_and_a_half_of_panda_takes_a_fraction_of_a_second_of_a_processor(panda):
     problem, motion = swing(panda)
-    # 0.1 s on an idle core; the bound leaves room for a loaded machine.
-    assert min(replay_trajectory(problem, motion).wall_s for _ in range(3)) < 0.5
+    replay_trajectory(problem, motion)  # reads or makes the collision geometry, which is cached
+    spent = []
+    for _ in range(3):
+        began = time.process_time()
+        replay_trajectory(problem, motion)
+        spent.append(time.process_time() - began)
+    # 0.2 s is seen, contacts looked for at each of 3001 steps; other processes slow a processor down too.
+    assert min(spent) < 0.6

@@ -1,8 +1,4 @@
-"""Which bodies of the arm touch each other during a replay.
-
-Contacts are switched off in the dynamics, so that touching shapes do not change the motion; they are looked for
-separately. Pairs that overlap in the starting position do not count: neighbouring links whose hulls interpenetrate.
-"""
+"""Which solids touched during a replay, when, and how deeply."""
 
 from __future__ import annotations
 
@@ -11,39 +7,68 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from energyopt.simulation.engine import Engine
+from energyopt.simulation.surroundings import Surroundings
 
-_CONTACT_OFF = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+TOUCHING = 1e-4
+"""Depth [m] from which an overlap counts: below are the replay's own tracking error at the end of an arm, and MuJoCo's
+tolerance. A plan without clearance may graze an obstacle to this depth."""
 
 
 @dataclass(frozen=True)
-class ContactCounter:
-    """Counts touching pairs of bodies.
+class Contact:
+    """Two solids that touched without a pause.
 
     Attributes:
-        body: body of every collision shape.
-        ignored: pairs of bodies that do not count.
+        first: link, or name of what is attached; second: another one, or the obstacle.
+        begin, end: first and last time of the touch [s].
+        depth: greatest penetration [m]; time: when it was [s].
     """
 
-    body: np.ndarray
-    ignored: frozenset[tuple[int, int]]
+    first: str
+    second: str
+    begin: float
+    end: float
+    depth: float
+    time: float
 
-    @classmethod
-    def starting_from(cls, engine: Engine) -> ContactCounter:
-        """A counter that ignores what touches in the present configuration of ``engine.data``."""
-        mujoco.mj_kinematics(engine.model, engine.data)
-        mujoco.mj_comPos(engine.model, engine.data)
-        counter = cls(engine.model.geom_bodyid.copy(), frozenset())
-        return cls(counter.body, frozenset(counter.pairs(engine.model, engine.data)))
+    def __str__(self) -> str:
+        when = f"{self.begin:.3f} to {self.end:.3f} s"
+        return f"{self.first} – {self.second}, {when}, {1e3 * self.depth:.2g} mm deep at {self.time:.3f} s"
 
-    def pairs(self, model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
-        """Pairs of bodies that overlap in the configuration whose kinematics ``data`` holds."""
-        flags = int(model.opt.disableflags)
-        model.opt.disableflags = flags & ~_CONTACT_OFF
-        mujoco.mj_collision(model, data)
-        model.opt.disableflags = flags
-        touching = data.contact.geom[data.contact.dist < 0.0]
-        return {tuple(sorted(pair)) for pair in self.body[touching].tolist()}
 
-    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> int:
-        return len(self.pairs(model, data) - self.ignored)
+class ContactWatch:
+    """Collects the overlaps that MuJoCo reports, step by step."""
+
+    def __init__(self, surroundings: Surroundings, solid: np.ndarray):
+        """``solid``: number of the solid of every geometry of the model."""
+        self._surroundings, self._solid = surroundings, solid
+        self._seen: dict[tuple[str, str], dict[int, float]] = {}
+
+    def __call__(self, step: int, data: mujoco.MjData) -> None:
+        """Look at the overlaps of the configuration that ``data`` holds, as those of the given step."""
+        if not data.ncon:
+            return
+        names = self._surroundings.names
+        for (a, b), distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            if distance < -TOUCHING:
+                first, second = sorted((int(self._solid[a]), int(self._solid[b])))
+                depths = self._seen.setdefault((names[first], names[second]), {})
+                depths[step] = max(depths.get(step, 0.0), -distance)
+
+    def counts(self, steps: int) -> np.ndarray:
+        """Number of touching pairs at every step, shape (steps,)."""
+        counts = np.zeros(steps, dtype=int)
+        for depths in self._seen.values():
+            counts[list(depths)] += 1
+        return counts
+
+    def contacts(self, times: np.ndarray) -> tuple[Contact, ...]:
+        """All touches in order of their beginning; ``times`` [s] of the steps, shape (N,)."""
+        found = []
+        for pair, depths in self._seen.items():
+            steps = np.array(sorted(depths))
+            for touch in np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1):
+                deepest = max(touch.tolist(), key=depths.get)
+                span = float(times[touch[0]]), float(times[touch[-1]])
+                found.append(Contact(*pair, *span, depths[deepest], float(times[deepest])))
+        return tuple(sorted(found, key=lambda contact: (contact.begin, contact.first, contact.second)))

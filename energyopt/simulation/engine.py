@@ -1,29 +1,29 @@
 """The MuJoCo model of a robot, read by MuJoCo's own URDF compiler from the same text that Pinocchio read.
 
 What is taken from the URDF: the tree, placements, axes, masses, inertias. What is set to what the plan assumes:
-gravity, armature, friction (see `replaying`). What is left out: visual shapes; collision shapes unless asked for;
-MuJoCo's joint limits, which are springs that add forces near a limit, where a plan is allowed to be (positions beyond
-a limit are reported by validation instead). Collision shapes only report contacts; they exert no force.
+gravity, armature, friction (see `control`). What is left out: shapes, of which only those of `surroundings` come back, to
+report contacts; MuJoCo's joint limits, which are springs that add forces near a limit, where a plan is allowed to be
+(positions beyond a limit are reported by validation instead).
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from energyopt.errors import RobotError, SimulationError
-from energyopt.robots.meshes import resolve_mesh
+from energyopt.errors import SimulationError
 from energyopt.robots.model import RobotModel
+from energyopt.simulation.surroundings import Surroundings, add_to_model, quaternions, solid_numbers
 
 LEAST_MASS, LEAST_INERTIA = 1e-12, 1e-12
 """[kg], [kg·m²] given to links that have none: MuJoCo refuses a moving body with less than 1e-15."""
 
-MESH_SUFFIXES = (".stl", ".obj")
-"""Mesh formats MuJoCo reads; others (Collada) are left out of the collision shapes."""
+
+DEPTH_ITERATIONS = 100
+"""Of MuJoCo's search for the depth of an overlap: its own 35 end 1 mm short for a mesh deep inside another solid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,31 +33,62 @@ class Engine:
     Attributes:
         model, data: MuJoCo's.
         qpos, dof: address of every joint of the robot in ``data.qpos`` and ``data.qvel``, shape (nv,).
-        skipped_meshes: collision meshes that could not be used, by file name.
+        surroundings: what can touch; solid: number of the solid of every geometry, shape (ngeom,).
     """
 
     model: mujoco.MjModel
     data: mujoco.MjData
     qpos: np.ndarray
     dof: np.ndarray
-    skipped_meshes: tuple[str, ...] = ()
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    solid: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+
+    def drive_obstacles(self, times: np.ndarray) -> MovingBodies:
+        """Poses of all moving obstacles at ``times`` [s], shape (N,), ready to be set step by step."""
+        solids = self.surroundings.moving
+        poses = [self.surroundings.obstacles[k - len(self.surroundings.bodies)].pose_at(times) for k in solids]
+        bodies = [self.model.geom_bodyid[int(np.flatnonzero(self.solid == k)[0])] for k in solids]
+        rows = np.array([self.model.body_mocapid[body] for body in bodies], dtype=int)
+        stacked = np.stack(poses, axis=1) if poses else np.zeros((len(times), 0, 4, 4))
+        return MovingBodies(rows, stacked[..., :3, 3].copy(), quaternions(stacked) if poses else np.zeros((len(times), 0, 4)))
 
 
-def build_engine(robot: RobotModel, collisions: bool = False) -> Engine:
+@dataclass(frozen=True, eq=False)
+class MovingBodies:
+    """Moving obstacles at N instants.
+
+    Attributes:
+        rows: MuJoCo's numbers for them, shape (M,).
+        position: [m], shape (N, M, 3); quaternion: (w, x, y, z), shape (N, M, 4).
+    """
+
+    rows: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+
+    def place(self, k: int, data: mujoco.MjData) -> None:
+        """Put every moving obstacle where it is at the k-th instant."""
+        if len(self.rows):
+            data.mocap_pos[self.rows], data.mocap_quat[self.rows] = self.position[k], self.quaternion[k]
+
+
+def build_engine(robot: RobotModel, surroundings: Surroundings | None = None) -> Engine:
     """Compile the robot for MuJoCo.
 
     Args:
         robot: the arm; its URDF, gravity and armature are used.
-        collisions: keep the URDF's collision shapes, so that contacts are reported.
+        surroundings: solids whose contacts are to be reported; none by default.
 
     Raises:
         SimulationError: MuJoCo does not accept the model; the message carries its reason.
     """
+    surroundings = surroundings or Surroundings()
     root = ET.fromstring(robot.urdf)
-    skipped = _strip(root, robot, collisions)
+    _strip(root)
     _fill_inertias(root)
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+        add_to_model(spec, surroundings, robot)
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
@@ -67,41 +98,25 @@ def build_engine(robot: RobotModel, collisions: bool = False) -> Engine:
     model.dof_armature[dof] = robot.dynamics.armature
     model.dof_damping[:] = model.dof_frictionloss[:] = model.jnt_stiffness[:] = 0.0
     model.jnt_limited[:] = 0
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return Engine(model, mujoco.MjData(model), qpos, dof, tuple(skipped))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    model.opt.ccd_iterations = DEPTH_ITERATIONS
+    return Engine(model, mujoco.MjData(model), qpos, dof, surroundings, solid_numbers(model, surroundings))
 
 
-def _strip(root: ET.Element, robot: RobotModel, collisions: bool) -> list[str]:
-    """Take out what MuJoCo must not read, in place; returns the collision meshes that were dropped."""
-    skipped = []
+def _strip(root: ET.Element) -> None:
+    """Take out what MuJoCo must not read, in place."""
     for tag in ("transmission", "gazebo", "material", "mujoco"):
         for element in root.findall(tag):
             root.remove(element)
     for link in root.iter("link"):
-        for element in link.findall("visual"):
+        for element in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(element)
-        for element in link.findall("collision"):
-            mesh = element.find("geometry/mesh")
-            path = _mesh_path(robot, mesh) if collisions and mesh is not None else None
-            if not collisions or (mesh is not None and path is None):
-                link.remove(element)
-                skipped += [mesh.get("filename", "")] if collisions else []
-            elif path is not None:
-                mesh.set("filename", str(path))
     for joint in root.iter("joint"):
         for element in [*joint.findall("dynamics"), *joint.findall("mimic"), *joint.findall("safety_controller")]:
             joint.remove(element)
     options = {"strippath": "false", "inertiafromgeom": "false", "fusestatic": "true", "balanceinertia": "false"}
+    options["discardvisual"] = "false"  # or MuJoCo would discard solids that exert no force as if they were decoration
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", options)
-    return skipped
-
-
-def _mesh_path(robot: RobotModel, mesh: ET.Element) -> Path | None:
-    try:
-        path = resolve_mesh(robot, mesh.get("filename", ""))
-    except RobotError:
-        return None
-    return path if path.suffix.lower() in MESH_SUFFIXES else None
 
 
 def _fill_inertias(root: ET.Element) -> None:

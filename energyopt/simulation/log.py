@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from energyopt.simulation.contacts import Contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +21,12 @@ class ReplayLog:
         tau: torque of the motors [N·m] after saturation, shape (N, nv).
         power: mechanical power τ q̇ of every motor [W], shape (N, nv).
         q_ref, v_ref: the planned motion; tau_planned: the planned torque, the feed-forward; shape (N, nv).
-        contacts: number of touching pairs of bodies, shape (N,); None where collision shapes were left out.
+        contacts: number of touching pairs (links, attached objects, obstacles), shape (N,); None where nothing was watched.
+        touches: every touch with its pair, times and depth, in order of beginning.
         saturated: whether some motor was at its torque limit, shape (N,).
         physics_step: time step of the integration [s].
         wall_s: time the simulation took [s].
-        settings: gains, plant and options, for the record.
+        settings: gains, plant and what was watched for contact, for the record.
     """
 
     t: np.ndarray
@@ -34,10 +39,11 @@ class ReplayLog:
     v_ref: np.ndarray
     tau_planned: np.ndarray
     contacts: np.ndarray | None
+    touches: tuple[Contact, ...]
     saturated: np.ndarray
     physics_step: float
     wall_s: float
-    settings: dict[str, float | str]
+    settings: dict[str, float | str | bool]
 
     @property
     def tracking_error(self) -> np.ndarray:

@@ -1,40 +1,32 @@
 """Closed-loop replay of a planned motion in MuJoCo.
 
-At every step the motors give the planned torque plus a correction whose gains are scaled by the mass matrix,
-
-    τ = τ_plan(t) + M(q) (k_p (q_plan − q) + k_d (q̇_plan − q̇)),   cut to the torque limits,
-
-so that every joint's error obeys ë + k_d ė + k_p e ≈ 0 whatever it carries; constant gains that suit the shoulder make a light
-wrist diverge (computed-torque control: Luh, Walker and Paul, IEEE Trans. Automatic Control 25, 1980).
-
-A motor holds its torque for a step, so the feed-forward is the planned torque at the step's start with the step's mean
-acceleration (q̇_plan(t + h) − q̇_plan(t)) / h. MuJoCo's Euler rule is kept for velocities; positions advance with the mean of
+The motors follow the control law of `control`. MuJoCo's Euler rule is kept for velocities; positions advance with the mean of
 old and new velocity, exact for a constant acceleration, in place of the new velocity alone. What error is left tells
 of the plan and the models, not of the rule: it falls with h², where the plain rule lags by h q̇ / 2.
 
-Friction is the plan's, d q̇ + f tanh(q̇/v_s). MuJoCo's Euler integrator treats damping c q̇ implicitly; with
-c = d + f (1 − tanh²(q̇/v_s)) / v_s, the slope at the present velocity, given to it as damping and the rest as an applied torque,
-the torque is exact and a steep Coulomb friction cannot make the step unstable.
+Obstacles are there as bodies, those that move at their planned pose of each step. Contacts are looked for at every step and
+make no force: a plan that touches something is to be seen touching it, not bouncing off.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
 from energyopt.arguments import check_names, check_plan
-from energyopt.errors import InputError, SimulationError
+from energyopt.errors import GeometryError, InputError, RobotError, SimulationError
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 from energyopt.problem_values import real, vector
 from energyopt.robots.model import RobotModel
-from energyopt.simulation.contacts import ContactCounter
+from energyopt.simulation.contacts import ContactWatch
+from energyopt.simulation.control import ComputedTorque, Feedback, Friction
 from energyopt.simulation.engine import Engine, build_engine
 from energyopt.simulation.log import ReplayLog
+from energyopt.simulation.surroundings import surroundings_of
 
 if TYPE_CHECKING:
     from energyopt.plans import Plan
@@ -46,15 +38,7 @@ MOST_STEPS = 2_000_000
 """Longest replay: about a minute and a gigabyte of log."""
 RUNAWAY, RUNAWAY_ACCELERATION = 1e4, 1e8
 """Velocity [rad/s] and corrective acceleration [rad/s²] at which a simulation counts as diverged, long before MuJoCo's
-own 1e10, at which it resets its state and writes a log file."""
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """Gains of the error dynamics: ``stiffness`` k_p [1/s²], ``damping`` k_d [1/s]; 400 and 40 are critically damped."""
-
-    stiffness: float = 400.0
-    damping: float = 40.0
+own 1e10, at which it writes a log file."""
 
 
 def replay(plan: Plan, **options) -> ReplayLog:
@@ -77,125 +61,108 @@ def replay_trajectory(
     stiffness: float = 400.0,
     damping: float = 40.0,
     plant: RobotModel | None = None,
-    collisions: bool = False,
+    collisions: bool | None = None,
     initial_error: np.ndarray | float = 0.0,
 ) -> ReplayLog:
     """Simulate the arm following a motion, from the motion's first position and velocity to its end.
 
     Args:
-        problem: robot and torque limits.
+        problem: robot, torque limits, obstacles, and what is attached.
         trajectory: the motion.
         physics_step: largest time step [s], at most 1 ms; shortened so that a whole number of steps makes the duration.
         stiffness: k_p [1/s²]; damping: k_d [1/s].
         plant: the robot that is simulated where it differs from the one planned for (another payload or friction, say).
-        collisions: keep the URDF's collision shapes (meshes as their convex hulls) and report contacts; they exert no
-            force, and pairs of bodies that touch in the starting position do not count.
+        collisions: look for contacts of the arm with obstacles and, unless the problem lets it touch, with itself. By default
+            it does where the collision geometry can be loaded; True insists on it, False leaves it out.
         initial_error: added to the starting position [rad].
 
     Returns:
         ReplayLog: one row a step, the last one at the end of the motion.
 
     Raises:
-        InputError: a step, gain, plant or initial error that makes no sense.
+        InputError: a step, gain, plant or initial error that makes no sense; with ``collisions``, geometry that is not there.
         SimulationError: the simulation diverged; the message says when and what to do.
     """
     robot = problem.robot
     plant = _plant(robot, plant)
     times, step = _time_grid(trajectory.duration, physics_step)
-    gains = _feedback(stiffness, damping)
-    q, v, a = (trajectory(times, order) for order in range(3))
-    held = robot.torque(q, v, np.vstack([np.diff(v, axis=0) / step, a[-1:]]))
-    start = q[0] + _initial_error(initial_error, robot.nv)
-    engine = build_engine(plant, collisions)
+    gains = Feedback(stiffness, damping)
+    law = ComputedTorque.along(robot, trajectory, times, gains, problem.limits.torque)
+    start = law.q[0] + _initial_error(initial_error, robot.nv)
+    engine, watched = _engine(problem, plant, collisions)
     engine.model.opt.timestep = step
     began = time.perf_counter()
-    rows = _simulate(engine, plant, start, (q, v, held), problem.limits.torque, gains)
-    settings = {"stiffness": gains.stiffness, "damping": gains.damping, "plant": plant.name, "collisions": str(collisions)}
+    rows = _simulate(engine, plant, law, start, times)
     return ReplayLog(
         t=times,
         power=rows["tau"] * rows["v"],
-        q_ref=q,
-        v_ref=v,
-        tau_planned=robot.torque(q, v, a),
+        q_ref=law.q,
+        v_ref=law.v,
+        tau_planned=robot.torque(law.q, law.v, trajectory(times, 2)),
         physics_step=step,
         wall_s=time.perf_counter() - began,
-        settings=settings,
+        settings={"stiffness": gains.stiffness, "damping": gains.damping, "plant": plant.name, "contacts": watched},
         **rows,
     )
 
 
-def _simulate(
-    engine: Engine, plant: RobotModel, start: np.ndarray, reference: tuple[np.ndarray, ...], limit: np.ndarray, gains: Feedback
-) -> dict[str, np.ndarray | None]:
-    """Run the closed loop; everything inside is in MuJoCo's joint order.
+def _engine(problem: Problem, plant: RobotModel, collisions: bool | None) -> tuple[Engine, str]:
+    """The compiled model, and in words what is watched for contact."""
+    if collisions is False:
+        return build_engine(plant), "not looked for: switched off"
+    try:
+        surroundings = surroundings_of(problem, plant)
+        if not surroundings.bodies:
+            raise GeometryError(f"{plant.name}: no link has collision geometry; contacts cannot be looked for")
+        return build_engine(plant, surroundings), f"{len(surroundings.pairs)} pairs of solids, at every step"
+    except (GeometryError, RobotError, SimulationError) as error:
+        if collisions:
+            raise
+        return build_engine(plant), f"not looked for: {error}"
 
-    Args:
-        engine: compiled model with its time step set.
-        start: first position in the robot's order; the first velocity is the reference's.
-        reference: q [rad], q̇ [rad/s] and feed-forward τ [N·m], each of shape (N, nv), in the robot's order.
-        limit: largest |τ| [N·m], robot's order.
+
+def _simulate(engine: Engine, plant: RobotModel, law: ComputedTorque, start: np.ndarray, times: np.ndarray) -> dict[str, Any]:
+    """Run the closed loop from the position ``start`` and the law's first velocity.
 
     Returns:
-        q, v, a, tau (N, nv) in the robot's order, saturated and contacts (N,).
+        q, v, a, tau (N, nv), saturated and contacts (N,), touches; in the robot's joint order.
     """
-    model, data = engine.model, engine.data
-    order = np.argsort(engine.dof)
-    q_ref, v_ref, tau_ref = (np.ascontiguousarray(x[:, order]) for x in reference)
-    limit, friction = limit[order], _Friction.of(plant, order)
+    model, data, qpos, dof = engine.model, engine.data, engine.qpos, engine.dof
+    position, velocity, applied, acceleration = data.qpos, data.qvel, data.qfrc_applied, data.qacc
+    friction, obstacles = Friction.of(plant), engine.drive_obstacles(times)
+    watch, rubs = ContactWatch(engine.surroundings, engine.solid), friction.present
     mujoco.mj_resetData(model, data)
-    data.qpos[:], data.qvel[:] = start[order], v_ref[0]
-    counter = ContactCounter.starting_from(engine) if model.ngeom else None
-    count, nv = q_ref.shape
-    q, v, a, tau = (np.empty((count, nv)) for _ in range(4))
-    contacts, feedback = np.zeros(count, dtype=int), np.empty(nv)
+    position[qpos], velocity[dof] = start, law.v[0]
+    count, h = len(times), model.opt.timestep
+    q, v, a, tau = (np.empty((count, plant.nv)) for _ in range(4))
+    wanted, scaled = np.empty(plant.nv), np.empty(plant.nv)
     for k in range(count):
-        q[k], v[k] = data.qpos, data.qvel
-        slope = friction.slope(v[k])
-        if slope is not None:
-            model.dof_damping[:] = slope
+        q[k], v[k] = position[qpos], velocity[dof]
+        qk, vk = q[k], v[k]
+        if rubs:
+            slope = model.dof_damping[dof] = friction.slope(vk)
+        obstacles.place(k, data)
         mujoco.mj_step1(model, data)
-        wanted = gains.stiffness * (q_ref[k] - q[k]) + gains.damping * (v_ref[k] - v[k])
-        if not (np.abs(wanted).max() < RUNAWAY_ACCELERATION and np.abs(v[k]).max() < RUNAWAY):
-            _diverged(plant, k * model.opt.timestep, model.opt.timestep, wanted[engine.dof])
-        mujoco.mj_mulM(model, data, feedback, wanted)
-        tau[k] = np.clip(tau_ref[k] + feedback, -limit, limit)
-        data.qfrc_applied[:] = tau[k] if slope is None else tau[k] - friction.torque(v[k]) + slope * v[k]
-        if counter is not None:
-            contacts[k] = counter(model, data)
+        correction = law.acceleration(k, qk, vk)
+        if not (np.abs(correction).max() < RUNAWAY_ACCELERATION and np.abs(vk).max() < RUNAWAY):
+            _diverged(plant, times[k], h, correction)
+        watch(k, data)
+        wanted[dof] = correction
+        mujoco.mj_mulM(model, data, scaled, wanted)
+        tau[k] = law.torque(k, qk, vk, scaled[dof])
+        applied[dof] = tau[k] - friction.torque(vk) + slope * vk if rubs else tau[k]
         mujoco.mj_step2(model, data)
-        a[k] = data.qacc
-        data.qpos[:] -= 0.5 * model.opt.timestep * (data.qvel - v[k])
+        a[k] = acceleration[dof]
+        position[qpos] -= 0.5 * h * (velocity[dof] - vk)
     if not np.all(np.isfinite(a)) or any(warning.number for warning in data.warning):
-        _diverged(plant, count * model.opt.timestep, model.opt.timestep, v[-1][engine.dof])
-    saturated = np.any(np.abs(tau) >= limit, axis=1)
-    back = engine.dof
+        _diverged(plant, times[-1], h, v[-1])
+    watched = len(engine.surroundings.bodies) > 0
     return {
-        "q": q[:, back], "v": v[:, back], "a": a[:, back], "tau": tau[:, back],
-        "saturated": saturated, "contacts": None if counter is None else contacts,
+        "q": q, "v": v, "a": a, "tau": tau,
+        "saturated": np.any(np.abs(tau) >= law.limit, axis=1),
+        "contacts": watch.counts(count) if watched else None,
+        "touches": watch.contacts(times),
     }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Friction:
-    """Friction of the plant in MuJoCo's order; see the module's text for its implicit treatment."""
-
-    viscous: np.ndarray
-    coulomb: np.ndarray
-    smoothing: float
-
-    @classmethod
-    def of(cls, plant: RobotModel, order: np.ndarray) -> _Friction:
-        dynamics = plant.dynamics
-        return cls(dynamics.viscous_friction[order], dynamics.coulomb_friction[order], dynamics.coulomb_velocity)
-
-    def torque(self, v: np.ndarray) -> np.ndarray:
-        return self.viscous * v + self.coulomb * np.tanh(v / self.smoothing)
-
-    def slope(self, v: np.ndarray) -> np.ndarray | None:
-        """∂torque/∂v, or None where there is no friction at all."""
-        if not (self.viscous.any() or self.coulomb.any()):
-            return None
-        return self.viscous + self.coulomb * (1.0 - np.tanh(v / self.smoothing) ** 2) / self.smoothing
 
 
 def _diverged(plant: RobotModel, when: float, step: float, demand: np.ndarray) -> None:
@@ -217,11 +184,6 @@ def _time_grid(duration: float, physics_step: float) -> tuple[np.ndarray, float]
         )
     times = np.linspace(0.0, duration, steps + 1)
     return times, duration / steps
-
-
-def _feedback(stiffness: float, damping: float) -> Feedback:
-    gains = {"stiffness": stiffness, "damping": damping}
-    return Feedback(**{key: real(key, gain, lambda k: 0.0 <= k < np.inf, "one finite number ≥ 0") for key, gain in gains.items()})
 
 
 def _plant(robot: RobotModel, plant: RobotModel | None) -> RobotModel:
