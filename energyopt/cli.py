@@ -67,7 +67,7 @@ def _parser() -> _Parser:
 def _add_plan(commands: argparse._SubParsersAction) -> None:
     plan = commands.add_parser("plan", help="plan a motion, replay it in MuJoCo, write the results")
     plan.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
-    plan.add_argument("--out", type=Path, metavar="DIR", help="folder for the results; without it nothing is written")
+    plan.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
     plan.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
     plan.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
     plan.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
@@ -87,7 +87,7 @@ def _add_plan(commands: argparse._SubParsersAction) -> None:
 def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay = commands.add_parser("replay", help="replay a saved plan in MuJoCo")
     replay.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
-    replay.add_argument("--out", type=Path, metavar="DIR", help="folder for results with this replay")
+    replay.add_argument("--out", type=_folder, metavar="DIR", help="folder for results with this replay")
     replay.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
     replay.add_argument("--stiffness", type=float, metavar="KP", help="feedback on position [1/s²]")
     replay.add_argument("--damping", type=float, metavar="KD", help="feedback on velocity [1/s]")
@@ -183,7 +183,19 @@ def _check(parsed: argparse.Namespace) -> int:
 
 def _accuracy(text: str) -> float | bool:
     """A number, or "none" for the knots as they are."""
-    return False if text.lower() in ("none", "off") else float(text)
+    if text.lower() in ("none", "off"):
+        return False
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text[:80]}': expected a relative error between 0 and 1, or none") from None
+
+
+def _folder(text: str) -> Path:
+    """The path of a folder; nothing is none, though Path would take it for the present folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name: expected a folder for the results, such as results")
+    return Path(text)
 
 
 class _Version(argparse.Action):

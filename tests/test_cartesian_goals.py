@@ -129,5 +129,16 @@ def test_a_place_out_of_reach_is_named_with_how_far_it_is(goal, words):
 
 
 def test_an_unknown_frame_lists_those_that_are_near():
-    with pytest.raises(eo.InputError, match=r"no frame named 'tol'; did you mean one of .*tool"):
+    with pytest.raises(eo.InputError, match=r"no frame named 'tol'; did you mean .*tool"):
         eo.Problem(arms.two_link(), [0.0, 0.3], eo.FramePose("tol", [0.5, 0.0, 0.2]), 1.0)
+
+
+def test_a_frame_like_no_other_is_answered_with_the_tool_and_the_links_near_it():
+    """What Pinocchio calls the universe is nothing a user means."""
+    panda = arms.catalogue_robot("panda")
+    with pytest.raises(eo.InputError) as caught:
+        panda.frame_id("Universal gripper (left)")
+    message = str(caught.value)
+    assert "the tool is 'panda_hand_tcp'" in message and "panda_hand" in message and "universe" not in message
+    with pytest.raises(eo.InputError, match="no frame named 7"):
+        panda.placement(7, panda.home)

@@ -238,3 +238,22 @@ def test_wrong_arguments_are_named():
     with pytest.raises(InputError, match="4 kinds at most"):
         eo.plot_metrics(plan, baselines=("quintic",) * 5)
     assert len(eo.plot_metrics(plan, baselines=()).axes[0].get_lines()) == 1
+
+
+SILENT = "import os, energyopt.plotting as p, matplotlib; print(os.environ.get('MPLCONFIGDIR'), matplotlib.get_cachedir())"
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_home_that_cannot_be_written_is_no_reason_to_complain(tmp_path, own):
+    """Matplotlib would say so in two lines; a folder the user has chosen is used as it is."""
+    (tmp_path / "file").write_text("a file is no home, not even for root")
+    chosen = {"MPLCONFIGDIR": str(tmp_path / "chosen")} if own else {}
+    home = {"HOME": str(tmp_path / "file"), "ENERGYOPT_CACHE": str(tmp_path / "cache")}
+    left_out = ("MPLCONFIGDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
+    environment = {key: value for key, value in os.environ.items() if key not in left_out} | home | chosen
+    done = subprocess.run(
+        [sys.executable, "-c", SILENT], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    expected = tmp_path / ("chosen" if own else "cache/matplotlib")
+    assert done.stdout.split() == [str(expected)] * 2
+    assert "temporary" not in done.stderr and "writable" not in done.stderr

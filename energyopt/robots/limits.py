@@ -113,8 +113,9 @@ def _checked(kind: str, array: np.ndarray, names: Sequence[str], attribute: str 
         if number > 0:
             continue
         place = f'<limit {attribute}="{number:g}">' if attribute else f"{kind}_limits {number:g}"
-        remedy = f"correct the file, or give {kind}_limits={{'{name}': …}}" if attribute else "expected a positive number"
-        raise RobotError(f"{where}: joint '{name}': {place} allows no {'motion' if kind == 'velocity' else kind}; {remedy}")
+        fault = "is negative" if number < 0 else f"states no {kind} limit" if attribute else f"allows no {kind}"
+        remedy = f"; correct the file, or give {kind}_limits={{'{name}': …}}" if attribute else ""
+        raise RobotError(f"{where}: joint '{name}': {place} {fault}; expected a positive number{remedy}")
     return _frozen(array)
 
 

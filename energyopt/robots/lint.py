@@ -23,6 +23,8 @@ from energyopt.robots.urdf_xml import child_link, moving_joints, numbers, parent
 RELATIVE_EXCESS = 1e-4
 SQUARED_LENGTH = 1e-9
 """Tolerances of the triangle inequality: of the largest moment, and per mass [m²]."""
+SHORTEST_AXIS = 1e-3
+"""An axis shorter than this is no rounded unit vector: its direction is what rounding made of it."""
 TRIFLE = 0.01
 """A fixed link lighter than this share of the body it belongs to may have an impossible inertia."""
 
@@ -117,8 +119,8 @@ def normalise_axes(root: ET.Element, where: str) -> list[str]:
         element, name = joint.find("axis"), joint.get("name")
         axis = np.array(numbers(element, "xyz", "1 0 0"))
         norm = np.linalg.norm(axis)
-        if norm < 1e-9:
-            raise RobotError(f"{where}: joint '{name}' has the axis {axis.tolist()}; expected a direction, such as 0 0 1")
+        if not norm > SHORTEST_AXIS:
+            raise RobotError(f"{where}: joint '{name}' has the axis {axis.tolist()}; expected a unit vector, such as 0 0 1")
         if element is not None and abs(norm - 1) > 1e-12:
             element.set("xyz", " ".join(repr(float(x)) for x in axis / norm))
         if abs(norm - 1) > 1e-5:

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from energyopt.dynamics.body import Dynamics
 from energyopt.errors import RobotError
+from energyopt.robots.messages import shown
 
 if TYPE_CHECKING:
     import casadi
@@ -99,11 +100,19 @@ class RobotModel:
         """
         matches = [i for i, f in enumerate(self.model.frames) if f.name == frame]
         if not matches:
-            import difflib
-
-            near = difflib.get_close_matches(frame, self.frame_names, n=5, cutoff=0.3) or self.frame_names[:8]
-            raise RobotError(f"{self.name}: no frame named '{frame}'; did you mean one of {', '.join(near)}?")
+            raise RobotError(f"{self.name}: no frame named {shown(frame)}; {self._frame_hint(frame)}")
         return max(matches, key=lambda i: self.model.frames[i].type == pin.FrameType.BODY)
+
+    def _frame_hint(self, frame: str) -> str:
+        """Names like ``frame``; where there is none, the links nearest to the tool."""
+        import difflib
+
+        names = [name for name in self.frame_names if name not in ("universe", "root_joint")]
+        near = difflib.get_close_matches(str(frame), names, n=4, cutoff=0.5)
+        if near:
+            return f"did you mean {' or '.join(near)}?"
+        links = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY and f.name != self.tool_frame]
+        return f"the tool is '{self.tool_frame}', further links are {', '.join(links[::-1][:6])}"
 
     @cached_property
     def inverse_dynamics(self) -> casadi.Function:
