@@ -213,6 +213,54 @@ def test_an_archive_that_would_unpack_to_gigabytes_is_refused_unread(tmp_path):
         read_npz(path)
 
 
+CHANGED = {
+    "motion": ("trajectory.coefficients", lambda c: np.where(np.arange(len(c))[:, None] == 4, c + 1e-4, c)),
+    "weight": ("problem.velocity_weight", lambda w: 1.001 * w),
+    "gravity": ("robot.gravity", lambda g: g + [0.0, 0.0, 1e-3]),
+    "friction": ("robot.viscous_friction", lambda d: 1.01 * d),
+}
+
+
+@pytest.mark.parametrize("what", CHANGED)
+def test_a_plan_changed_in_its_file_no_longer_gives_the_cost_it_states(what, saved):
+    name, change = CHANGED[what]
+    arrays = read_npz(saved)
+    saved.write_bytes(npz_bytes(arrays | {name: change(arrays[name])}))
+    with pytest.raises(FileError, match=r"of J is stated as .*, its motion gives .*: the file was changed") as caught:
+        eo.load_plan(saved)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_stated_cost_that_is_not_the_sum_of_its_terms_is_refused(saved):
+    arrays = read_npz(saved)
+    meta = json.loads(arrays["meta"].tobytes())
+    meta["plan"]["objective"] *= 0.99
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    saved.write_bytes(npz_bytes(arrays))
+    with pytest.raises(FileError, match=r"J is stated as .*the file was changed"):
+        eo.load_plan(saved)
+
+
+def test_a_name_without_suffix_gets_one_and_is_found_again(plan, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plan.save("swing")
+    plan.save(tmp_path / "other.plan")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["other.plan", "swing.npz"]
+    (tmp_path / "swing").mkdir()
+    for name in ("swing", "swing.npz", tmp_path / "swing", "other.plan"):
+        assert eo.load_plan(name).objective == plan.objective
+    with pytest.raises(FileError, match="none: no such file"):
+        eo.load_plan("none")
+
+
+@pytest.mark.parametrize("path", [5, None, "", b"plan"])
+def test_what_is_no_file_name_is_refused_for_saving(plan, path):
+    with pytest.raises(FileError, match="expected the name of a file"):
+        plan.save(path)
+    with pytest.raises(FileError, match="expected the name of a file"):
+        eo.load_plan(path)
+
+
 def test_names_that_are_no_plan_file_are_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path, "", "a\0b"):
         with pytest.raises(FileError):

@@ -19,14 +19,21 @@ from energyopt.io.archive import npz_bytes, read_npz, write_atomic
 from energyopt.io.parts import problem_arrays, problem_from_arrays, robot_arrays, robot_from_arrays
 from energyopt.parameterizations import Trajectory, trajectory_from_arrays
 from energyopt.plans import Plan, Status, Violations
+from energyopt.verification import cost
 
 FORMAT = "energyopt plan"
 VERSION = 1
 MAX_DEGREE = 9
+SAME_COST = 1e-8
+"""Relative difference of two computations of J that is rounding: other releases of Pinocchio sum in another order."""
 
 
 def save_plan(plan: Plan, path: str | Path) -> None:
     """Write a plan with its problem and robot; the file appears whole or not at all.
+
+    Args:
+        plan: what `energyopt.plan` gave.
+        path: of the file; a name without suffix gets ``.npz``.
 
     Raises:
         FileError: the file cannot be written.
@@ -39,28 +46,59 @@ def save_plan(plan: Plan, path: str | Path) -> None:
     meta["problem"] = problem_arrays(problem, arrays)
     arrays |= {f"trajectory.{key}": np.asarray(value) for key, value in plan.trajectory.to_arrays().items()}
     text = {"meta": json.dumps(meta, default=_encode), "urdf": robot.urdf}
-    write_atomic(path, npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
+    write_atomic(_with_suffix(path), npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
 
 
 def load_plan(path: str | Path) -> Plan:
     """Read a plan that `save_plan` wrote.
 
+    Its cost is recomputed: a motion, robot or weight that was changed in the file no longer gives the J it states.
+
+    Args:
+        path: of the file; where there is no file of this name, ``.npz`` is added to a name without suffix.
+
     Raises:
         FileError: missing, damaged, of another kind, or contradicting itself; one line says what.
     """
+    path = path if _is_file(path) or not _is_file(_with_suffix(path)) else _with_suffix(path)
     arrays = read_npz(path)
     try:
         meta = _meta(arrays)
         robot = robot_from_arrays(meta["robot"], _text(arrays, "urdf"), _group(arrays, "robot"))
         problem = problem_from_arrays(meta["problem"], robot, _group(arrays, "problem"))
         trajectory = _trajectory(str(meta["kind"]), _group(arrays, "trajectory"), robot.nv)
-        return _plan(meta["plan"], problem, trajectory)
+        plan = _plan(meta["plan"], problem, trajectory)
+        _check_cost(plan)
+        return plan
     except EnergyOptError as error:
         raise FileError(f"{path}: not a plan that holds together: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         missing = f"{reason} is missing" if isinstance(error, KeyError) else reason
         raise FileError(f"{path}: not a plan that energyopt wrote: {missing}") from None
+
+
+def _with_suffix(path: str | Path) -> str | Path:
+    """The path with ``.npz`` where its name has no suffix; what is no path is left for others to refuse."""
+    return Path(f"{path}.npz") if isinstance(path, (str, Path)) and Path(path).name and not Path(path).suffix else path
+
+
+def _is_file(path: str | Path) -> bool:
+    try:
+        return isinstance(path, (str, Path)) and Path(path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _check_cost(plan: Plan) -> None:
+    """Compare the stored cost with that of the stored motion, by numeric Pinocchio."""
+    stored = plan.cost_terms
+    with np.errstate(all="ignore"):
+        pairs = [(f"the {name} of J", stored.get(name), value) for name, value in cost(plan.problem, plan.trajectory).items()]
+        for name, said, value in [*pairs, ("J", plan.objective, sum(stored.values()))]:
+            slack = {"rtol": SAME_COST, "atol": SAME_COST * abs(plan.objective), "equal_nan": True}
+            if said is not None and not np.isclose(said, value, **slack):
+                raise FileError(f"{name} is stated as {said:.9g}, its motion gives {value:.9g}: the file was changed")
 
 
 def _plan_meta(plan: Plan) -> dict[str, Any]:
