@@ -52,7 +52,7 @@ def baseline(problem: Problem, kind: str = "quintic", goal: np.ndarray | None = 
         raise ProblemError("baseline: the goal is a Cartesian pose; pass goal=joint positions that reach it (the plan's last)")
     if end.shape != (problem.robot.nv,):
         raise ProblemError(f"baseline: goal must be {problem.robot.nv} finite joint positions, got shape {end.shape}")
-    times, points = _stations(problem, end)
+    times, points = stations(problem, end)
     return BASELINES[kind](problem, times, points)
 
 
@@ -146,7 +146,7 @@ def _without_empty_pieces(breaks: np.ndarray, pieces: np.ndarray) -> PolynomialT
     return PolynomialTrajectory(np.append(breaks[:-1][keep], breaks[-1]), pieces[keep])
 
 
-def _stations(problem: Problem, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def stations(problem: Problem, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and positions of start, waypoints and goal; shapes (K + 1,) and (K + 1, nv)."""
     stops = [Waypoint(problem.start, 0.0), *problem.waypoints, Waypoint(goal, problem.duration)]
     points = np.array([stop.position for stop in stops])

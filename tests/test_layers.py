@@ -15,6 +15,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "clearance",
     "sampling waypoints plans solvers arguments",
     "limit_checks baselines inverse_kinematics feasibility transcription",
+    "pathfinding",
     "verification seeds refinement",
     "search",
     "planning io",

@@ -1,0 +1,170 @@
+"""Guesses for the optimiser among obstacles, in order of what they cost to find.
+
+    straight     the quintic from start to goal
+    bent 1, 2…   quintics through one random configuration, those that turned out free, the shortest first
+    rrt 1, 2…    a path found by RRT-Connect, shortened, its corners rounded, timed at the problem's duration
+
+The straight one is given even where it is not free, as the optimiser can push a motion out of a shallow overlap; all others
+are free at samples, as far as the clock of `FreeSpace` is right about obstacles that move. The same seed gives the same
+guesses, as long as no time limit cuts a search short.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from energyopt.baselines import baseline, quintic, stations
+from energyopt.errors import ProblemError
+from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.pathfinding.curves import rounded
+from energyopt.pathfinding.free_space import FreeSpace
+from energyopt.pathfinding.rrt import Budget, rrt_connect
+from energyopt.pathfinding.shortening import Effort, shorten
+from energyopt.pathfinding.timing import timed, timed_smoothly
+from energyopt.problem import Problem
+
+SPREAD = 0.25
+"""Standard deviation of a random via configuration, as a share of each joint's range (2π at most)."""
+DRAWN = 24
+"""Bent motions drawn, of which the free ones count."""
+EXTRA = 5e-3
+"""Paths are looked for with so much more margin [m], so that rounding their corners does no harm."""
+END_SHARE = 0.9
+"""Where start or goal is nearer to something than that, a path is looked for with this share of their clearance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A motion to start the optimiser from.
+
+    Attributes:
+        name: "straight", "bent 1", "rrt 1" and so on.
+        trajectory: over the problem's duration.
+        free: whether it is free at samples.
+        seconds: wall time spent on it.
+        path: the path that was followed, shape (K, nv) [rad]; None of straight and bent ones.
+    """
+
+    name: str
+    trajectory: Trajectory
+    free: bool
+    seconds: float
+    path: np.ndarray | None = None
+
+
+def guesses(
+    problem: Problem,
+    free: FreeSpace,
+    goal: np.ndarray | None = None,
+    *,
+    seed: int = 0,
+    bent: int = 2,
+    searches: int = 4,
+    budget: Budget | None = None,
+) -> Iterator[Guess]:
+    """Guesses one after another; nothing is computed before it is asked for.
+
+    Args:
+        problem: start, goal, waypoints, duration, limits.
+        free: the robot among the problem's obstacles.
+        goal: joint positions to reach [rad], (nv,); needed where the problem's goal is Cartesian.
+        seed: of everything random.
+        bent: how many bent motions at most.
+        searches: how many paths at most; a search that fails gives no guess.
+        budget: of each search.
+
+    Raises:
+        ProblemError: start or goal is not free; the message names the pair and the depth. Only when a path is looked for.
+    """
+    began = time.monotonic()
+    straight = baseline(problem, "quintic", goal=goal)
+    yield Guess("straight", straight, free.free_motion(straight), time.monotonic() - began)
+    yield from _bent(problem, free, straight(problem.duration), np.random.default_rng([seed, 1]), bent)
+    for k in range(searches):
+        found = _searched(problem, free, straight(problem.duration), np.random.default_rng([seed, 2, k]), f"rrt {k + 1}", budget)
+        if found is not None:
+            yield found
+
+
+def find_guess(
+    problem: Problem, free: FreeSpace, goal: np.ndarray | None = None, *, seed: int = 0, seconds: float | None = 5.0
+) -> Guess | None:
+    """The first guess that is free; None where none was found in the time given [s]. Arguments and errors as of `guesses`."""
+    deadline = np.inf if seconds is None else time.monotonic() + seconds
+    for guess in guesses(problem, free, goal, seed=seed, budget=Budget(seconds)):
+        if guess.free:
+            return guess
+        if time.monotonic() > deadline:
+            break
+    return None
+
+
+def via_points(problem: Problem, rng: np.random.Generator, goal: np.ndarray | None = None) -> Trajectory:
+    """A bent motion: the quintic through one random configuration, put between two of start, waypoints and goal.
+
+    Args:
+        problem: start, goal, waypoints, duration, limits.
+        rng: source of the configuration: normal around the middle of the straight way there, inside the limits.
+        goal: joint positions at the end [rad], (nv,); needed where the problem's goal is Cartesian.
+    """
+    times, points = stations(problem, problem.goal_position if goal is None else np.asarray(goal, float))
+    low, high = problem.limits.lower, problem.limits.upper
+    leg = int(rng.integers(len(times) - 1))
+    reach = np.minimum(high - low, 2.0 * np.pi)
+    via = np.clip(0.5 * (points[leg] + points[leg + 1]) + SPREAD * reach * rng.normal(size=len(reach)), low, high)
+    to, onward = np.linalg.norm(via - points[leg]), np.linalg.norm(points[leg + 1] - via)
+    share = np.clip(to / max(to + onward, 1e-12), 0.1, 0.9)
+    at = times[leg] + share * (times[leg + 1] - times[leg])
+    return quintic(problem, np.insert(times, leg + 1, at), np.insert(points, leg + 1, via, axis=0))
+
+
+def _bent(problem: Problem, free: FreeSpace, goal: np.ndarray, rng: np.random.Generator, most: int) -> Iterator[Guess]:
+    began = time.monotonic()
+    drawn = [via_points(problem, rng, goal) for _ in range(DRAWN if most > 0 else 0)]
+    drawn.sort(key=_travel)
+    count = 0
+    for trajectory in drawn:
+        if count == most:
+            return
+        if free.free_motion(trajectory):
+            count += 1
+            yield Guess(f"bent {count}", trajectory, True, time.monotonic() - began)
+            began = time.monotonic()
+
+
+def _travel(trajectory: Trajectory) -> float:
+    """Length of a motion [rad]."""
+    return float(np.linalg.norm(np.diff(trajectory(trajectory.sample_times(20)), axis=0), axis=1).sum())
+
+
+def _searched(
+    problem: Problem, free: FreeSpace, goal: np.ndarray, rng: np.random.Generator, name: str, budget: Budget | None
+) -> Guess | None:
+    """A guess from a path through all waypoints, in their order."""
+    began, legs = time.monotonic(), []
+    stops = [problem.start, *(w.position for w in problem.waypoints), goal]
+    space = roomy(free, stops).timed(problem.start, goal, problem.duration)
+    for a, b in zip(stops[:-1], stops[1:], strict=True):
+        found = rrt_connect(space, a, b, rng, budget)
+        if not found.found:
+            return None
+        legs.append(shorten(space, found.path, rng, Effort()))
+    path = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+    curve = rounded(path, space)
+    try:
+        trajectory = timed(curve, problem.robot, problem.limits, problem.duration)
+    except ProblemError:  # nothing limits the arm, or it cannot hold this path; the optimiser may still find another
+        trajectory = timed_smoothly(curve, problem.duration)
+    clear = free.with_margin(min(free.margin, space.margin)).free_motion(trajectory)
+    return Guess(name, trajectory, clear, time.monotonic() - began, path)
+
+
+def roomy(free: FreeSpace, stops: list[np.ndarray]) -> FreeSpace:
+    """The same free space with a little more margin, but less than what start, goal and waypoints have to spare."""
+    closest = [free.closest(q) for q in stops]
+    least = min((c.distance for c in closest if c is not None), default=np.inf)
+    return free.with_margin(max(0.0, min(free.margin + EXTRA, END_SHARE * least)))
