@@ -15,7 +15,7 @@ the others, each moved to where the triangles it answers for need the least exce
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +24,13 @@ from scipy.stats import qmc
 from energyopt.geometry.hull import Hull
 from energyopt.geometry.shapes import Shape, Sphere
 
-CANDIDATES = 600
+CANDIDATES = 300
 ELEMENT_SHARE = 0.7
 """Longest edge of the small triangles as a share of ε: finer ones waste less of a ball and cost more time."""
 MAX_TABLE = 20_000_000
-"""Pairs of points and candidates looked at together: bounds the memory where a body is large."""
+"""Pairs of elements and candidates: bounds the memory where a body is large."""
+BLOCK = 1024
+"""Elements whose areas are added up together."""
 TRIES = 6
 """Balls that are tried for dropping before the search ends; and rounds of moving the others."""
 ROUNDS = 3
@@ -36,7 +38,7 @@ ROUNDING = 1e-9
 """Added to every radius [m], so that what is contained stays contained after rounding."""
 FINEST_STEP = 5e-4
 """The search for a centre ends at this step [m]."""
-STEPS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], dtype=float) - 1.0
+STEPS = np.array([d for d in np.ndindex(3, 3, 3) if np.abs(np.array(d) - 1).sum() % 2], dtype=float) - 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +78,43 @@ class Elements:
         a, b, c = (self.points[self.corners[:, k]] for k in range(3))
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
-    def reach(self, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
-        """How far each element reaches beyond each ball [m], shape (E, S); contained where ≤ 0."""
-        squares = np.sum(self.points**2, axis=1)[:, None] - 2.0 * self.points @ centers.T + np.sum(centers**2, axis=1)
-        gaps = np.sqrt(np.maximum(squares, 0.0)) - radii
-        return np.maximum(np.maximum(gaps[self.corners[:, 0]], gaps[self.corners[:, 1]]), gaps[self.corners[:, 2]])
+    def farthest(self, centers: np.ndarray, exact: bool = False) -> np.ndarray:
+        """Distance of each element's farthest corner from each centre [m], shape (E, S); in single precision, or exactly."""
+        far = np.sqrt(np.maximum(self._squares(centers, float if exact else np.float32), 0.0))
+        return np.maximum(np.maximum(far[self.corners[:, 0]], far[self.corners[:, 1]]), far[self.corners[:, 2]])
+
+    def contained(self, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """Whether each ball contains each element, shape (E, S); in single precision."""
+        inside = self._squares(centers, np.float32) <= (radii * np.abs(radii)).astype(np.float32)
+        return inside[self.corners[:, 0]] & inside[self.corners[:, 1]] & inside[self.corners[:, 2]]
+
+    def _squares(self, centers: np.ndarray, dtype: type) -> np.ndarray:
+        middle = self.points.mean(axis=0)  # single precision wants small numbers
+        points, centers = (self.points - middle).astype(dtype), (centers - middle).astype(dtype)
+        return np.sum(points**2, axis=1)[:, None] - 2 * points @ centers.T + np.sum(centers**2, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A union of convex polyhedra, as far as its depth goes: planes n·y = b of all, and where each one's planes start."""
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    starts: np.ndarray
+
+    @staticmethod
+    def of(hulls: Sequence[Hull]) -> Solid:
+        counts = [len(hull.offsets) for hull in hulls]
+        normals, offsets = (np.concatenate([getattr(hull, key) for hull in hulls]) for key in ("normals", "offsets"))
+        return Solid(normals, offsets, np.cumsum([0, *counts[:-1]]))
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """φ of each polyhedron for points inside it; outside, a positive number that is not the distance; shape (N, hulls)."""
+        return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.starts, axis=1)
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """φ of the union in the same sense, shape (N,)."""
+        return self.heights(points).min(axis=1)
 
 
 def cover_bodies(shapes: Sequence[Shape], resolution: float) -> Cover:
@@ -96,12 +130,12 @@ def cover_bodies(shapes: Sequence[Shape], resolution: float) -> Cover:
     spare = max([0.0, *(float(union_distance(shapes, hull.vertices).max()) for hull in hulls)])
     limit = max(resolution - spare, 0.5 * resolution)
     elements = _elements(hulls, own, ELEMENT_SHARE * limit)
-    free = np.flatnonzero(~np.any(elements.reach(centers, radii) <= 0, axis=1))
+    free = np.flatnonzero(~np.any(elements.farthest(centers, exact=True) <= radii, axis=1))
     if len(free):
         found = _Search(elements.some(free), hulls, limit).balls()
         centers, radii = np.concatenate([centers, found[0]]), np.concatenate([radii, found[1] + ROUNDING])
     excess = np.maximum(radii + union_distance(shapes, centers), 0.0)
-    protrusion = float(elements.reach(centers, radii).min(axis=1).max()) if len(elements.corners) else 0.0
+    protrusion = float((elements.farthest(centers, exact=True) - radii).min(axis=1).max()) if len(elements.corners) else 0.0
     return Cover(centers, radii, excess, protrusion)
 
 
@@ -121,7 +155,7 @@ def _elements(hulls: list[Hull], balls: list[Sphere], edge: float) -> Elements:
     kept = [np.empty((0, 3, 3))]
     for hull in hulls:
         small = _subdivide(hull.vertices[hull.triangles], edge)
-        depths = [_depth([other], small.reshape(-1, 3)) for other in hulls if other is not hull]
+        depths = [Solid.of([other]).depth(small.reshape(-1, 3)) for other in hulls if other is not hull]
         depths += [ball.distance(small.reshape(-1, 3)) for ball in balls]
         hidden = [np.all(depth.reshape(-1, 3) < -ROUNDING, axis=1) for depth in depths]
         kept.append(small[~np.any(hidden, axis=0)] if hidden else small)
@@ -142,9 +176,19 @@ def _subdivide(corners: np.ndarray, edge: float) -> np.ndarray:
     return np.concatenate(done)
 
 
-def _depth(hulls: list[Hull], points: np.ndarray) -> np.ndarray:
-    """φ of polyhedra for points inside; outside, a positive number that is not the distance."""
-    return np.min([np.max(points @ hull.normals.T - hull.offsets, axis=1) for hull in hulls], axis=0)
+class _Balls:
+    """Balls in the search, with the distances of all elements from their centres kept up to date."""
+
+    def __init__(self, elements: Elements, centers: np.ndarray, far: np.ndarray | None = None):
+        self.elements, self.centers = elements, centers
+        self.far = elements.farthest(centers) if far is None else far
+
+    def without(self, ball: int) -> _Balls:
+        return _Balls(self.elements, np.delete(self.centers, ball, axis=0), np.delete(self.far, ball, axis=1))
+
+    def move(self, balls: np.ndarray, centers: np.ndarray) -> None:
+        self.centers[balls] = centers
+        self.far[:, balls] = self.elements.farthest(centers)
 
 
 class _Search:
@@ -152,106 +196,115 @@ class _Search:
 
     def __init__(self, elements: Elements, hulls: list[Hull], limit: float):
         self.elements, self.hulls, self.limit = elements, hulls, limit
+        self.solid = Solid.of(hulls)
 
     def balls(self) -> tuple[np.ndarray, np.ndarray]:
         """Centres (S, 3) and radii (S,)."""
-        centers = self._greedy()
-        owner = self._owner(centers)
-        centers = self._fewer(self._moved(centers, owner, np.unique(owner)))
+        balls = _Balls(self.elements, self._greedy())
+        self._settle(balls, self._reach(balls).argmin(axis=1))
+        balls = self._fewer(balls)
         for _ in range(ROUNDS):
-            owner = self._owner(centers)
-            centers = self._moved(centers, owner, np.unique(owner))
-        owner = self._owner(centers)
+            self._settle(balls, self._reach(balls).argmin(axis=1))
+        owner = self._reach(balls).argmin(axis=1)
         used = np.unique(owner)
-        radii = [np.linalg.norm(self._answers_for(owner, k) - centers[k], axis=1).max() for k in used]
-        return centers[used], np.array(radii)
+        radii = [np.linalg.norm(self._answers_for(owner, k) - balls.centers[k], axis=1).max() for k in used]
+        return balls.centers[used], np.array(radii)
 
     def _allowed(self, centers: np.ndarray) -> np.ndarray:
         """Radii (S,) that stick out by the limit; centres outside the bodies are not used."""
-        depth = _depth(self.hulls, centers)
+        depth = self.solid.depth(centers)
         return np.where(depth <= 0, self.limit - depth, 0.0)
 
-    def _owner(self, centers: np.ndarray) -> np.ndarray:
-        """The ball that contains each element with most to spare, shape (E,)."""
-        return self.elements.reach(centers, self._allowed(centers)).argmin(axis=1)
+    def _reach(self, balls: _Balls) -> np.ndarray:
+        """How far each element reaches beyond each allowed ball [m], shape (E, S); contained where ≤ 0."""
+        return balls.far - self._allowed(balls.centers).astype(np.float32)
 
     def _answers_for(self, owner: np.ndarray, ball: int) -> np.ndarray:
         return self.elements.points[np.unique(self.elements.corners[owner == ball])]
 
     def _greedy(self) -> np.ndarray:
-        centers = self._candidates()
-        table = (self.elements.reach(centers, self._allowed(centers)) <= 0).T.astype(np.float32)
-        left, chosen = self.elements.areas.astype(np.float32) + np.float32(1e-12), []
-        while left.any():
-            chosen.append(int((table @ left).argmax()))
-            left = left * (1.0 - table[chosen[-1]])
+        """Candidates, each time the one with the most area that is still open."""
+        centers, table = self._candidates()
+        areas = self.elements.areas + 1e-12
+        blocks = [slice(k, k + BLOCK) for k in range(0, len(areas), BLOCK)]
+        gain, left, chosen = sum(areas[rows] @ table[rows] for rows in blocks), np.ones(len(areas), bool), []
+        while left.any() and gain.max() > 0:
+            chosen.append(int(gain.argmax()))
+            news = np.flatnonzero(left & table[:, chosen[-1]])
+            left[news] = False
+            gain -= areas[news] @ table[news]
+            gain[chosen[-1]] = -1.0
         return centers[chosen]
 
-    def _candidates(self) -> np.ndarray:
-        """Points inside the bodies: evenly through the bounding box of each, between its corners, and at its surface.
+    def _candidates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points inside the bodies: evenly through the bounding box of each, between its corners, and at its surface; and
+        which elements the allowed ball about each contains, shape (E, S).
 
         The last are the first corners of the elements that the others miss, moved inside by a hair. A ball of the allowed
         excess about such a point contains its element, whose edges are shorter: so the candidates contain everything.
         """
         found = []
-        share = max(50, min(CANDIDATES, MAX_TABLE // len(self.elements.points)) // len(self.hulls))
+        share = max(50, min(CANDIDATES, MAX_TABLE // len(self.elements.corners)) // len(self.hulls))
         for k, hull in enumerate(self.hulls):
             low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
             even = low + qmc.Halton(3, scramble=False).random(4 * share) * (high - low)
             rng = np.random.default_rng(k)
             mixed = hull.vertices[rng.integers(len(hull.vertices), size=(share, 4))]
-            found += [even[_depth([hull], even) < 0][:share], np.einsum("nk,nki->ni", rng.dirichlet(np.ones(4), share), mixed)]
+            mixed = np.einsum("nk,nki->ni", rng.dirichlet(np.ones(4), share), mixed)
+            found += [even[Solid.of([hull]).depth(even) < 0][:share], mixed]
         inner = np.concatenate(found)
-        missed = np.flatnonzero(self.elements.reach(inner, self._allowed(inner)).min(axis=1) > 0)
-        return np.concatenate([inner, self._inward(self.elements.points[self.elements.corners[missed, 0]])])
+        table = self.elements.contained(inner, self._allowed(inner))
+        missed = np.flatnonzero(~table.any(axis=1))
+        outer = self._inward(self.elements.points[self.elements.corners[missed, 0]])
+        more = self.elements.contained(outer, self._allowed(outer))
+        return np.concatenate([inner, outer]), np.concatenate([table, more], axis=1)
 
     def _inward(self, points: np.ndarray) -> np.ndarray:
         """Points of the surface moved a little towards the middle of the body they are on."""
         if len(points) == 0:
             return points
-        body = np.argmin([np.abs(_depth([hull], points)) for hull in self.hulls], axis=0)
+        body = np.abs(self.solid.heights(points)).argmin(axis=1)
         way = np.array([hull.center for hull in self.hulls])[body] - points
         return points + way * np.minimum(1e-3, 0.05 * self.limit / np.linalg.norm(way, axis=1))[:, None]
 
-    def _fewer(self, centers: np.ndarray) -> np.ndarray:
+    def _fewer(self, balls: _Balls) -> _Balls:
         """Drop balls, those least alone at their work first, as long as the others can take over."""
-        while len(centers) > 1:
-            inside = self.elements.reach(centers, self._allowed(centers)) <= 0
+        while len(balls.centers) > 1:
+            inside = self._reach(balls) <= 0
             alone = np.sum(inside & (inside.sum(axis=1) == 1)[:, None], axis=0)
             for k in np.argsort(alone, kind="stable")[:TRIES]:
-                moved = self._taken_over(np.delete(centers, k, axis=0))
-                if moved is not None:
-                    centers = moved
+                fewer = balls.without(k)
+                if self._take_over(fewer):
+                    balls = fewer
                     break
             else:
-                return centers
-        return centers
+                return balls
+        return balls
 
-    def _taken_over(self, centers: np.ndarray) -> np.ndarray | None:
-        """The centres moved so that everything is contained, or None where that fails."""
+    def _take_over(self, balls: _Balls) -> bool:
+        """Move the balls until everything is contained; False where that fails."""
         for _ in range(ROUNDS + 1):
-            reach = self.elements.reach(centers, self._allowed(centers))
+            reach = self._reach(balls)
             owner = reach.argmin(axis=1)
             open_ = reach[np.arange(len(owner)), owner] > 0
             if not open_.any():
-                return centers
-            centers = self._moved(centers, owner, np.unique(owner[open_]))
-        return None
+                return True
+            self._settle(balls, owner, np.unique(owner[open_]))
+        return False
 
-    def _moved(self, centers: np.ndarray, owner: np.ndarray, balls: Iterable[int]) -> np.ndarray:
-        """The centres, those of ``balls`` moved to where their elements need the least excess."""
-        moved = centers.copy()
-        for k in balls:
-            moved[k] = self._best_center(self._answers_for(owner, k), centers[k])
-        return moved
+    def _settle(self, balls: _Balls, owner: np.ndarray, which: np.ndarray | None = None) -> None:
+        """Move balls (by default all that own elements) to where their elements need the least excess."""
+        which = np.unique(owner) if which is None else which
+        balls.move(which, np.array([self._best_center(self._answers_for(owner, k), balls.centers[k]) for k in which]))
 
     def _best_center(self, points: np.ndarray, center: np.ndarray) -> np.ndarray:
         """The point near ``center`` from which a ball over ``points`` sticks out least: a pattern search, ever finer."""
+        own = np.sum(points**2, axis=1)
 
         def excess(c: np.ndarray) -> np.ndarray:
-            squares = np.sum(points**2, axis=1) - 2.0 * c @ points.T + np.sum(c**2, axis=1)[:, None]
-            depth = _depth(self.hulls, c)
-            return np.where(depth < 0, np.sqrt(np.maximum(squares.max(axis=1), 0.0)) + depth, np.inf)
+            squares = (own - 2.0 * c @ points.T).max(axis=1) + np.sum(c**2, axis=1)
+            depth = self.solid.depth(c)
+            return np.where(depth < 0, np.sqrt(np.maximum(squares, 0.0)) + depth, np.inf)
 
         best, value, step = center, excess(center[None])[0], 0.5 * self.limit
         while step > FINEST_STEP:

@@ -152,7 +152,9 @@ def _compute(robot: RobotModel, resolution: float, attached: Sequence[Attached])
     for body in collision_bodies(robot, attached):
         groups.setdefault(body.link, []).append(body)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        found = list(pool.map(lambda bodies: _cover_link(bodies, resolution), groups.values()))
+        # The largest first, so that no thread ends with it alone.
+        jobs = {link: pool.submit(_cover_link, bodies, resolution) for link, bodies in sorted(groups.items(), key=_size)}
+        found = [jobs[link].result() for link in groups]
     rows = [
         (len(c.radii), mean_excess(c, [b.shape for b in bodies]), c.excess.max(initial=0.0), c.protrusion)
         for c, bodies in zip(found, groups.values(), strict=True)
@@ -165,6 +167,10 @@ def _compute(robot: RobotModel, resolution: float, attached: Sequence[Attached])
         "center": np.concatenate([c.centers for c in found]) if found else np.empty((0, 3)),
         "radius": np.concatenate([c.radii for c in found]) if found else np.empty(0),
     }
+
+
+def _size(item: tuple[str, Sequence[Body]]) -> float:
+    return -sum(body.shape.bounding_radius for body in item[1])
 
 
 def _cover_link(bodies: Sequence[Body], resolution: float) -> Cover:
