@@ -7,36 +7,22 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import asdict, dataclass, replace
-from itertools import islice
-
-import numpy as np
+from dataclasses import asdict
 
 from energyopt.arguments import check_planning
+from energyopt.avoidance import unchecked
+from energyopt.campaign import Campaign, Parameterization
 from energyopt.dynamics import backend
 from energyopt.dynamics.compiler import why_interpreted
-from energyopt.dynamics.kernels import Kernels, kernels_of
-from energyopt.errors import NoSolutionFound, ProblemError
+from energyopt.dynamics.kernels import kernels_of
+from energyopt.errors import NoSolutionFound
 from energyopt.feasibility import check_feasibility
-from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
-from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.parameterizations import BSpline
 from energyopt.plans import Plan, Status
-from energyopt.problem import FramePose, Problem
-from energyopt.refinement import bisected
+from energyopt.problem import Problem
 from energyopt.search import Progress, Search, SearchOptions
-from energyopt.seeds import goals, guesses
 from energyopt.solvers import Interrupts, Outcome
 from energyopt.verification import cost, describe, is_valid, verify
-
-Parameterization = BSpline | Sinusoid | HermiteSimpson
-
-FALLBACKS = 3
-"""Further guesses tried where the first ones lead to no valid motion."""
-FINER = 2
-"""Times the knots are bisected where no guess leads to a motion inside the limits."""
-MOST_LEVELS = 12
-ROUGH_NODES = 10
-"""Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 
 _STATUS = {
     Outcome.INFEASIBLE: Status.INFEASIBLE,
@@ -54,7 +40,6 @@ _SENTENCE = {
     Status.INTERRUPTED: "interrupted; this is the best motion so far",
     Status.NUMERICAL_ERROR: "the solver could not continue",
 }
-_STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 
 
 def plan(
@@ -95,7 +80,7 @@ def plan(
     deadline = None if time_limit is None else time.monotonic() + time_limit
     with Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
-        campaign = _Campaign(problem, parameterization, kernels, options, seed)
+        campaign = Campaign(problem, parameterization, kernels, options, seed)
         search = campaign.run(starts)
     if callable(options.progress) and verbose is True:
         sys.stderr.write("\n")
@@ -107,112 +92,7 @@ def plan(
     return result
 
 
-@dataclass
-class _Campaign:
-    """All searches of one call of `plan`."""
-
-    problem: Problem
-    parameterization: Parameterization
-    kernels: Kernels
-    options: SearchOptions
-    seed: int
-    guess_s: float = 0.0
-    tried: int = 0
-
-    def run(self, starts: int | None) -> Search:
-        """The best search, refined."""
-        began = time.perf_counter()
-        targets = goals(self.problem, self.seed)
-        if isinstance(self.problem.goal, FramePose):
-            targets = self._possible(targets)
-        source = guesses(self.problem, targets, self.seed)
-        self.guess_s = time.perf_counter() - began
-        wanted = starts or len(targets)
-        searches = []
-        for guess in islice(source, wanted + FALLBACKS):
-            if len(searches) >= wanted and any(s.converged for s in searches):
-                break
-            search = Search(self.problem, self._space(), self.kernels, guess, self.options)
-            search.advance()
-            searches.append(search)
-            if search.outcome in _STOP:
-                break
-        if all(search.outcome is Outcome.INFEASIBLE for search in searches):
-            searches += self._on_finer_knots(next(guesses(self.problem, targets, self.seed)))
-        self.tried = len(searches)
-        best = min(searches, key=lambda s: (not s.converged, s.objective if s.converged else self._excess(s)))
-        best.iterations = sum(s.iterations for s in searches)
-        best.solve_s = sum(s.solve_s for s in searches)
-        if searches[-1].outcome is Outcome.INTERRUPTED:
-            best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
-        return self._refined(best)
-
-    def _possible(self, targets: list[np.ndarray]) -> list[np.ndarray]:
-        """Goal configurations that are not impossible; where all are, the error of the nearest is raised."""
-        possible, errors = [], []
-        for target in targets:
-            try:
-                check_feasibility(self.problem, goal=target)
-                possible.append(target)
-            except ProblemError as error:
-                errors.append(error)
-        if not possible:
-            raise errors[0]
-        return possible
-
-    def _on_finer_knots(self, guess: Trajectory) -> list[Search]:
-        """Searches in ever finer spaces, where the knots may be chosen: near the least duration coarse ones hold no motion."""
-        spline, searches = self.parameterization, []
-        if not isinstance(spline, BSpline) or spline.accuracy is None:
-            return searches
-        space = spline.space(self.problem.duration)
-        for _ in range(FINER):
-            space = bisected(space)
-            searches.append(Search(self.problem, space, self.kernels, guess, self.options))
-            searches[-1].advance()
-            if searches[-1].outcome is not Outcome.INFEASIBLE:
-                break
-        return searches
-
-    def _space(self) -> MotionSpace:
-        """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
-        rough = isinstance(self.parameterization, BSpline) and np.any(self.problem.robot.dynamics.coulomb_friction)
-        return self.parameterization.space(self.problem.duration, **({"nodes": ROUGH_NODES} if rough else {}))
-
-    def _holds(self, search: Search) -> bool:
-        return is_valid(verify(self.problem, search.trajectory))
-
-    def _excess(self, search: Search) -> float:
-        violations = verify(self.problem, search.trajectory).amount
-        return max(violations.values(), default=0.0)
-
-    def _refined(self, search: Search) -> Search:
-        """Refine until the estimated error is below the accuracy asked; keep the best motion that converged."""
-        spline = self.parameterization
-        accuracy = spline.accuracy if isinstance(spline, BSpline) else None
-        while accuracy and search.converged and search.levels < MOST_LEVELS:
-            if search.error is not None and search.error <= accuracy:
-                break
-            kept = replace(search)
-            if not search.refine(spline) or not search.advance():
-                kept.iterations, kept.solve_s = search.iterations, search.solve_s
-                if search.outcome is Outcome.INTERRUPTED:
-                    kept.outcome = Outcome.INTERRUPTED
-                kept.reason = _stopped(kept.error, search.reason)
-                return kept
-            if not self._holds(search) and self._holds(kept):
-                kept.iterations, kept.solve_s = search.iterations, search.solve_s
-                kept.reason = _stopped(kept.error, "a limit did not hold on finer knots")
-                return kept
-            if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
-                kept.gain, kept.iterations, kept.solve_s = search.gain, search.iterations, search.solve_s
-                if kept.error > accuracy:
-                    kept.reason = _stopped(kept.error, "finer knots gave no better motion")
-                return kept
-        return search
-
-
-def _finish(campaign: _Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
     began = time.perf_counter()
     violations = verify(campaign.problem, search.trajectory)
     terms = cost(campaign.problem, search.trajectory)
@@ -220,7 +100,7 @@ def _finish(campaign: _Campaign, search: Search, compile_s: float, settings: dic
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message = _SENTENCE[status]
     if status is not Status.SOLVED:
-        message = f"{message} ({describe(violations)}; {campaign.tried} guess{'es' if campaign.tried > 1 else ''} tried)"
+        message = f"{message} ({describe(violations)}; {_tried(campaign.tried)})"
     return Plan(
         problem=campaign.problem,
         status=status,
@@ -233,27 +113,27 @@ def _finish(campaign: _Campaign, search: Search, compile_s: float, settings: dic
         iterations=search.iterations,
         time_s={"compile": compile_s, "build": campaign.guess_s + search.build_s, "solve": search.solve_s, "verify": verify_s},
         seed=campaign.seed,
-        options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": campaign.tried,
+        options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
+                            "clearance_rows": len(search.cuts.clearance), "tried": list(campaign.tried), "guess": search.name,
                             "evaluations": search.evaluations},
         notes=_notes(campaign, search),
     )  # fmt: skip
 
 
-def _notes(campaign: _Campaign, search: Search) -> tuple[str, ...]:
+def _notes(campaign: Campaign, search: Search) -> tuple[str, ...]:
     notes = list(campaign.problem.robot.notes)
     if campaign.kernels.kind == "interpreted":
         notes.append(f"{why_interpreted()}: kernels ran interpreted (same numbers, slower)")
+    reason = unchecked(campaign.problem)
+    if reason is not None:
+        notes.append(reason)
     if search.reason.startswith("refinement stopped"):
         notes.append(search.reason)
     return tuple(notes)
 
 
-def _stopped(error: float | None, reason: str) -> str:
-    return f"refinement stopped at an estimated error of {_percent(error)}: {reason}"
-
-
-def _percent(error: float | None) -> str:
-    return "unknown size" if error is None else f"{100 * error:.2g} %"
+def _tried(names: list[str]) -> str:
+    return f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}"
 
 
 def _progress(verbose: bool | Progress) -> Progress | None:

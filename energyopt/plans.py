@@ -41,12 +41,14 @@ class Violations:
     Attributes:
         amount: by limit name, worst excess in that limit's unit; `torque_percent` in % of the torque limit.
         margin: by limit name, the smallest distance to the limit in % of the limit (negative: exceeded).
-        worst: by limit name, (joint name, time [s]) where the margin is smallest.
+        worst: by limit name, (joint name, time [s]) where the margin is smallest; for ``clearance`` the closest pair.
+        distance: least distance of that pair [m], over the whole motion; None where nothing is kept apart.
     """
 
     amount: dict[str, float]
     margin: dict[str, float] = field(default_factory=dict)
     worst: dict[str, tuple[str, float]] = field(default_factory=dict)
+    distance: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,8 @@ class Plan:
         objective: J recomputed by numeric Pinocchio on a fine Gauss grid.
         cost_terms: J by term, e.g. {"torque_squared": …, "velocity_squared": …}, weighted as in J.
         max_violation: by limit, worst excess in its unit: position, velocity, acceleration, jerk,
-            torque_percent, torque_rate (only limits that are set), goal where the goal is Cartesian.
+            torque_percent, torque_rate (only limits that are set), goal where the goal is Cartesian, clearance where
+            there is something to stay clear of.
         violations: the same with margins and places.
         discretization_error: estimated relative gap of J to the continuous optimum; None where not estimated.
         iterations: solver iterations, all refinements together.

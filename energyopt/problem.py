@@ -7,8 +7,8 @@ position, velocity, acceleration, jerk, torque and torque rate inside their limi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike
 
 from energyopt import problem_values as values
 from energyopt.errors import ProblemError
+from energyopt.geometry.bodies import Attached
+from energyopt.geometry.potential import RepulsivePotential
+from energyopt.geometry.shapes import Box, HalfSpace, Shape
+from energyopt.geometry.workspace import Workspace
 from energyopt.robots.model import Limits, RobotModel
+
+MOST_CLEARANCE = 10.0
+_CLEARANCE = f"metres, 0 to {MOST_CLEARANCE:g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +80,14 @@ class Problem:
         start_velocity, goal_velocity: [rad/s]; start_acceleration, goal_acceleration: [rad/s²]; zero by default.
         position_limits: (lower, upper) [rad]; velocity_limits [rad/s]; acceleration_limits [rad/s²];
             jerk_limits [rad/s³]; torque_limits [N·m]; torque_rate_limits [N·m/s]: in place of the robot's own.
+        obstacles: shapes to stay clear of, such as `Box`; a pose may be `Moving`.
+        workspace: where to stay: a `Box` (inside it), a `HalfSpace` (out of it), `Workspace`, or several of them.
+        clearance: least distance from obstacles, walls, and between links [m]; 0 asks for no contact.
+        potential: `RepulsivePotential`, whose integral over the motion, summed over spheres and obstacles, is added to J.
+        self_collision: whether links of the arm are kept apart.
+        attached: tools and grasped objects, `Attached`.
         name: for reports.
+        origin: for a problem read from a file: what gives, for one of these names, its place there and its name there.
 
     Raises:
         ProblemError: a value is malformed; the message names it, what was expected, and what to do.
@@ -96,43 +110,71 @@ class Problem:
     jerk_limits: ArrayLike | None = None
     torque_limits: ArrayLike | None = None
     torque_rate_limits: ArrayLike | None = None
+    obstacles: Sequence[Shape] = ()
+    workspace: Box | HalfSpace | Workspace | Sequence | None = None
+    clearance: float = 0.0
+    potential: RepulsivePotential | None = None
+    self_collision: bool = True
+    attached: Sequence[Attached] = ()
     name: str = ""
+    origin: Callable[[str], tuple[str, str]] | None = field(default=None, repr=False)
 
     def __post_init__(self):
         if not isinstance(self.robot, RobotModel):
             raise ProblemError(f"robot is {values.shown(self.robot)}: expected what energyopt.load_robot gives")
-        nv = self.robot.nv
+        joints = self.robot.joint_names
         put = lambda key, value: object.__setattr__(self, key, value)
-        put("start", values.vector("start", self.start, nv, scalar=False))
+        put("start", values.vector("start", self.start, joints, scalar=False))
         if isinstance(self.goal, FramePose):
             self.robot.frame_id(self.goal.frame)
         else:
-            put("goal", values.vector("goal", self.goal, nv, scalar=False))
+            put("goal", values.vector("goal", self.goal, joints, scalar=False))
         put("duration", values.duration(self.duration))
         for key in ("start_velocity", "goal_velocity", "start_acceleration", "goal_acceleration"):
-            put(key, values.vector(key, getattr(self, key), nv))
+            put(key, values.vector(key, getattr(self, key), joints))
         for key in ("velocity_weight", "torque_weights"):
-            put(key, values.non_negative(key, getattr(self, key), nv))
+            put(key, values.non_negative(key, getattr(self, key), joints))
         if not (np.any(self.torque_weights > 0) or np.any(self.velocity_weight > 0)):
             raise ProblemError("torque_weights and velocity_weight are all zero: every motion costs nothing; make one positive")
         values.text("name", self.name, "a name for reports")
-        put("waypoints", values.waypoints(self.waypoints, nv, self.duration, Waypoint))
+        put("waypoints", values.waypoints(self.waypoints, joints, self.duration, Waypoint))
         _ = self.limits
+        put("obstacles", values.instances("obstacles", self.obstacles, Shape, "shapes such as energyopt.Box(size, pose)"))
+        put("attached", values.instances("attached", self.attached, Attached, "energyopt.Attached(shape, frame)"))
+        put("workspace", _workspaces(self.workspace, self.robot))
+        put("clearance", values.real("clearance", self.clearance, lambda d: 0 <= d <= MOST_CLEARANCE, _CLEARANCE))
+        if self.potential is not None and not isinstance(self.potential, RepulsivePotential):
+            expected = "energyopt.RepulsivePotential(gain, safe_distance)"
+            raise ProblemError(f"potential is {values.shown(self.potential)}: expected {expected}")
+        if not isinstance(self.self_collision, (bool, np.bool_)):
+            raise ProblemError(f"self_collision is {values.shown(self.self_collision)}: expected True or False")
 
     @cached_property
     def limits(self) -> Limits:
         """The limits in force: the problem's own where given, else the robot's."""
-        robot, nv = self.robot.limits, self.robot.nv
+        robot, joints = self.robot.limits, self.robot.joint_names
         lower, upper = robot.lower, robot.upper
         if self.position_limits is not None:
-            lower, upper = values.interval("position_limits", self.position_limits, nv)
+            lower, upper = values.interval("position_limits", self.position_limits, joints)
         own = {}
         for kind in ("velocity", "torque", "acceleration", "jerk", "torque_rate"):
             value = getattr(self, f"{kind}_limits")
-            own[kind] = getattr(robot, kind) if value is None else values.positive(f"{kind}_limits", value, nv)
+            own[kind] = getattr(robot, kind) if value is None else values.positive(f"{kind}_limits", value, joints)
         return Limits(lower=lower, upper=upper, **own)
 
     @property
     def goal_position(self) -> np.ndarray | None:
         """The goal as joint positions; None where it is Cartesian."""
         return None if isinstance(self.goal, FramePose) else self.goal
+
+
+def _workspaces(given: object, robot: RobotModel) -> tuple[Workspace, ...]:
+    """What ``workspace`` may be, as `Workspace` objects whose frames the robot has."""
+    if given is None:
+        return ()
+    several = list(given) if isinstance(given, (list, tuple)) else [given]
+    made = tuple(item if isinstance(item, Workspace) else Workspace(item) for item in several)
+    for item in made:
+        for frame in item.frames:
+            robot.frame_id(frame)
+    return made

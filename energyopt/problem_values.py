@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
@@ -37,21 +37,36 @@ def real(key: str, value: Any, accepts: Callable[[float], bool], expected: str) 
     return float(value)
 
 
-def vector(key: str, value: ArrayLike, size: int, scalar: bool = True) -> np.ndarray:
-    """A finite float vector of the given size; one number fills it where ``scalar``. Read-only."""
-    array = numbers(key, value, f"{'one number or ' if scalar else ''}{size} numbers")
+def vector(key: str, value: ArrayLike, joints: Sequence[str] | int, scalar: bool = True) -> np.ndarray:
+    """A finite float vector, one number a joint; one number fills it where ``scalar``. Read-only.
+
+    Args:
+        key: name of the value, for messages; limits may be infinite.
+        value: what the user gave.
+        joints: names of the joints, or how many numbers where they belong to no joints.
+        scalar: whether one number may stand for all.
+    """
+    size = joints if isinstance(joints, int) else len(joints)
+    expected = f"{size} numbers" + ("" if isinstance(joints, int) else f", one for each of {_listed(joints)}")
+    array = numbers(key, value, f"one number or {expected}" if scalar else expected)
     if array.ndim == 0 and scalar:
         array = np.full(size, float(array))
     if array.shape != (size,):
-        got = (
-            f"{array.size} numbers" if array.ndim == 1 else "one number" if not array.ndim else f"an array of shape {array.shape}"
-        )
-        raise ProblemError(f"{key}: expected {size} numbers, got {got}")
+        got = {0: "one number", 1: f"{array.size} numbers"}.get(array.ndim, f"an array of shape {array.shape}")
+        raise ProblemError(f"{key}: expected {expected}, got {got}")
     bad = np.flatnonzero(np.isnan(array) | (np.isinf(array) if not key.endswith("limits") else False))
     if bad.size:
-        raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]}: expected a finite number")
+        raise ProblemError(f"{_entry(key, bad[0], joints)} is {array[bad[0]]}: expected a finite number")
     array.flags.writeable = False
     return array
+
+
+def _listed(joints: Sequence[str]) -> str:
+    return ", ".join(joints) if len(joints) <= 7 else f"{', '.join(joints[:3])} … {joints[-1]}"
+
+
+def _entry(key: str, i: int, joints: Sequence[str] | int) -> str:
+    return f"{key}[{i}]" + ("" if isinstance(joints, int) else f" (joint '{joints[i]}')")
 
 
 def numbers(key: str, value: ArrayLike, expected: str) -> np.ndarray:
@@ -83,37 +98,39 @@ def configuration(key: str, value: ArrayLike) -> np.ndarray:
     return vector(key, array, array.size, scalar=False)
 
 
-def non_negative(key: str, value: ArrayLike, size: int) -> np.ndarray:
+def non_negative(key: str, value: ArrayLike, joints: Sequence[str]) -> np.ndarray:
     """A vector of weights ≥ 0."""
-    array = vector(key, value, size)
+    array = vector(key, value, joints)
     bad = np.flatnonzero(array < 0)
     if bad.size:
-        raise ProblemError(f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number ≥ 0 (a negative weight rewards waste)")
+        i = bad[0]
+        raise ProblemError(f"{_entry(key, i, joints)} is {array[i]:g}: expected a number ≥ 0 (a negative weight rewards waste)")
     return array
 
 
-def positive(key: str, value: ArrayLike, size: int) -> np.ndarray:
+def positive(key: str, value: ArrayLike, joints: Sequence[str]) -> np.ndarray:
     """A vector of limits > 0."""
-    array = vector(key, value, size)
+    array = vector(key, value, joints)
     bad = np.flatnonzero(array <= 0)
     if bad.size:
+        i = bad[0]
         raise ProblemError(
-            f"{key}[{bad[0]}] is {array[bad[0]]:g}: expected a number > 0 (leave the key out for no limit of its own)"
+            f"{_entry(key, i, joints)} is {array[i]:g}: expected a number > 0 (leave it out for the robot's own limit)"
         )
     return array
 
 
-def interval(key: str, value: tuple[ArrayLike, ArrayLike], size: int) -> tuple[np.ndarray, np.ndarray]:
+def interval(key: str, value: tuple[ArrayLike, ArrayLike], joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """A pair of vectors, the first below the second."""
     try:
-        low, high = value
+        low, high = None if isinstance(value, (Mapping, str)) else value
     except (TypeError, ValueError):
-        raise ProblemError(f"{key}: expected a pair (lower, upper), got {value!r}") from None
-    lower, upper = vector(f"{key}", low, size), vector(f"{key}", high, size)
+        raise ProblemError(f"{key} is {shown(value)}: expected a pair (lower, upper)") from None
+    lower, upper = vector(key, low, joints), vector(key, high, joints)
     bad = np.flatnonzero(lower >= upper)
     if bad.size:
         i = bad[0]
-        raise ProblemError(f"{key}[{i}]: lower {lower[i]:g} is not below upper {upper[i]:g}")
+        raise ProblemError(f"{_entry(key, i, joints)}: lower {lower[i]:g} is not below upper {upper[i]:g}")
     return lower, upper
 
 
@@ -156,19 +173,21 @@ def text(key: str, value: str, meaning: str) -> str:
     return value
 
 
-def waypoints(values: Sequence, nv: int, duration: float, kind: Callable) -> tuple:
+def waypoints(values: Sequence, joints: Sequence[str], duration: float, kind: Callable) -> tuple:
     """Waypoints as ``kind(position, time)``, their times rising inside (0, duration).
 
     Args:
         values: instances of ``kind``, positions [rad] of shape (nv,), or pairs (position, time [s]).
-        nv: joints of the arm.
+        joints: names of the joints.
         duration: T [s].
         kind: the class of a waypoint.
     """
     try:
         listed = list(values)
     except TypeError:
-        raise ProblemError(f"waypoints: expected a list of configurations of {nv} numbers, got {values!r}") from None
+        raise ProblemError(
+            f"waypoints: expected a list of configurations of {len(joints)} numbers, got {shown(values)}"
+        ) from None
     made, latest = [], 0.0
     for k, value in enumerate(listed):
         key = f"waypoints[{k}]"
@@ -178,7 +197,7 @@ def waypoints(values: Sequence, nv: int, duration: float, kind: Callable) -> tup
             position, time = value
         else:
             position, time = value, None
-        position = vector(key, position, nv, scalar=False)
+        position = vector(key, position, joints, scalar=False)
         if time is not None:
             time = seconds(f"{key}.time", time)
             if not latest < time < duration:

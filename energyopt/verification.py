@@ -1,8 +1,9 @@
 """The dense check of a motion, and its cost, both independent of the nonlinear program that made it.
 
-A motion is valid if it starts, ends and passes where the problem says, has the asked duration, does not jump, and
-holds every limit (see `limit_checks` for how each is judged, and where: for all t, or at dense samples).
-The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ²) dt by six-point Gauss quadrature on every span.
+A motion is valid if it starts, ends and passes where the problem says, has the asked duration, does not jump,
+holds every limit (see `limit_checks` for how each is judged, and where: for all t, or at dense samples), and keeps the
+clearance from everything at all times (see `clearance`).
+The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² + U) dt by six-point Gauss quadrature on every span, U being the potential.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from energyopt.avoidance import avoidance_of
+from energyopt.clearance_checks import clearance_of
 from energyopt.limit_checks import Finding, kinematic_findings, torque_findings
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
@@ -26,6 +29,7 @@ TOLERANCES = {
     "continuity": 1e-6,  # rad, rad/s: jumps at breaks
     "goal": 1e-5,  # m + rad: Cartesian goal
     "waypoint": 1e-6,  # rad
+    "clearance": 1e-6,  # m
     "duration": 1e-9,  # s
 }
 """Largest excess, in the unit of the entry of `Violations.amount`, with which a motion still counts as valid."""
@@ -44,6 +48,7 @@ UNITS = {
     "continuity": "rad (rad/s)",
     "goal": "m + rad",
     "waypoint": "rad",
+    "clearance": "m",
     "duration": "s",
 }
 
@@ -55,13 +60,18 @@ COULOMB_NODES = 40
 """Least Gauss nodes a span of `cost` where there is Coulomb friction: it changes sign within a short part of a span."""
 
 
-def verify(problem: Problem, trajectory: Trajectory, per_span: int = 20) -> Violations:
+POTENTIAL_NODES = 20
+"""Least Gauss nodes a span of the potential, which begins and ends within a span."""
+
+
+def verify(problem: Problem, trajectory: Trajectory, per_span: int = 20, distances: bool = True) -> Violations:
     """Check a motion against everything its problem asks.
 
     Args:
         problem: limits, boundary conditions, waypoints, duration.
         trajectory: the motion.
         per_span: samples a smooth span; torques hold at these, kinematic limits also between them.
+        distances: whether clearance is checked too.
 
     Returns:
         Violations: limits that are infinite for every joint have no entry; ``boundary``, ``continuity`` and
@@ -80,11 +90,15 @@ def verify(problem: Problem, trajectory: Trajectory, per_span: int = 20) -> Viol
     if problem.waypoints:
         worst = max(waypoint_misses(problem, trajectory), key=lambda miss: miss[0])
         findings.append(Finding("waypoint", worst[0], joint=worst[1], time=worst[2]))
-    found = [f for f in findings if f is not None]
+    found, least = [f for f in findings if f is not None], None
+    if distances and (verdict := clearance_of(problem, trajectory)) is not None:
+        finding, least = verdict
+        found.append(finding)
     return Violations(
         amount={f.name: f.amount for f in found},
         margin={f.name: f.margin for f in found if f.margin is not None},
         worst={f.name: (f.joint, f.time) for f in found},
+        distance=least,
     )
 
 
@@ -127,6 +141,10 @@ def describe(violations: Violations) -> str:
         return f"the motion is not a number: {_plain(name)} cannot be checked{others}"
     if name in LIMIT_NAMES:
         return f"{_plain(name)} of {joint} exceeds its limit by {amount:.3g} {UNITS[name]} at {time:.3f} s{others}"
+    if name == "clearance":
+        depth = "touch" if np.isclose(violations.distance, 0.0, atol=1e-6) else f"are {1e3 * violations.distance:.1f} mm apart"
+        depth = f"overlap by {-1e3 * violations.distance:.1f} mm" if violations.distance < -1e-6 else depth
+        return f"{joint} {depth} at {time:.3f} s{others}"
     place = f" at {joint}" if joint else ""
     return f"{_plain(name)} condition missed by {amount:.3g} {UNITS[name]}{place}, t = {time:.3f} s{others}"
 
@@ -140,15 +158,20 @@ def cost(problem: Problem, trajectory: Trajectory, per_span: int = 6) -> dict[st
         per_span: Gauss nodes a span.
 
     Returns:
-        ``torque_squared`` ∫Σwτ² and ``velocity_squared`` ∫Σλq̇², weighted as in J.
+        ``torque_squared`` ∫Σwτ² and ``velocity_squared`` ∫Σλq̇², weighted as in J, and where there is one the
+        ``potential`` ∫U.
     """
     if np.any(problem.robot.dynamics.coulomb_friction):
         per_span = max(per_span, COULOMB_NODES)
     torque, velocity = _square_integrals(problem, trajectory, per_span)
-    return {
+    terms = {
         "torque_squared": float(problem.torque_weights @ torque),
         "velocity_squared": float(problem.velocity_weight @ velocity),
     }
+    if problem.potential is not None and (spheres := avoidance_of(problem)) is not None:
+        t, weights = gauss_grid(trajectory, max(per_span, POTENTIAL_NODES))
+        terms["potential"] = float(weights @ spheres.potential_energy(t, trajectory(t)))
+    return terms
 
 
 def objective(problem: Problem, trajectory: Trajectory) -> float:

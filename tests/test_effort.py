@@ -23,7 +23,7 @@ def moves(robot, count):
         start, goal = rng.uniform(low + 0.1 * (high - low), high - 0.1 * (high - low), (2, robot.nv))
         stretch = rng.uniform(1.1, 1.6)
         duration = stretch * np.max(1.875 * np.abs(goal - start) / robot.limits.velocity) / 1.3
-        yield eo.Problem(robot, start, goal, duration=duration)
+        yield eo.Problem(robot, start, goal, duration=duration, self_collision=False)
         count -= 1
 
 

@@ -128,7 +128,7 @@ def _plan(meta: dict[str, Any], problem, trajectory: Trajectory) -> Plan:
         trajectory=trajectory,
         objective=float(meta["objective"]),
         cost_terms=_floats(meta["cost_terms"]),
-        violations=Violations(_floats(violations["amount"]), _floats(violations["margin"]), worst),
+        violations=Violations(_floats(violations["amount"]), _floats(violations["margin"]), worst, violations.get("distance")),
         discretization_error=None if error is None else float(error),
         iterations=int(meta["iterations"]),
         time_s=_floats(meta["time_s"]),

@@ -37,15 +37,17 @@ class Cuts:
     """The rows added so far.
 
     Attributes:
-        torque: (time, joint) pairs; rates: (start time, end time, joint); samples: (derivative order, time, joint).
+        torque: (time, joint) pairs; rates: (start time, end time, joint); samples: (derivative order, time, joint);
+        clearance: least distances [m] by (time, a, b), pairs as in `collision`.
     """
 
     torque: set[tuple[float, int]] = field(default_factory=set)
     rates: set[tuple[float, float, int]] = field(default_factory=set)
     samples: set[tuple[int, float, int]] = field(default_factory=set)
+    clearance: dict[tuple[float, int, int], float] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        return len(self.torque) + len(self.rates) + len(self.samples)
+        return len(self.torque) + len(self.rates) + len(self.samples) + len(self.clearance)
 
     def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
         """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).

@@ -1,4 +1,4 @@
-"""Constraints that are not linear in the unknowns and not torques: a Cartesian goal, waypoints at times to be chosen.
+"""Constraints that are not linear in the unknowns and not torques: a Cartesian goal, waypoints at times to be chosen, clearance.
 
 Each is one class with further unknowns (maybe none), rows, and exact first and second derivatives; `ExtendedEvaluator`
 puts them beside the rows of the main program. A new constraint of this kind is one more class.
@@ -17,7 +17,7 @@ from energyopt.robots.model import RobotModel
 
 
 class ExtraRows(Protocol):
-    """Rows r(x) = 0 … with ``variables`` further unknowns whose first has index ``first``."""
+    """Rows between ``row_lower`` and ``row_upper``, maybe with further unknowns and a share of the objective."""
 
     variables: int
     lower: np.ndarray
@@ -33,11 +33,26 @@ class ExtraRows(Protocol):
 
     def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 
-    def curvature(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray: ...
+    def objective(self) -> float: ...
+
+    def gradient(self) -> np.ndarray | None:
+        """Of the objective, with respect to the unknowns of the motion; None where it has none."""
+
+    def curvature(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray: ...
+
+
+class _Priceless:
+    """No share of the objective."""
+
+    def objective(self) -> float:
+        return 0.0
+
+    def gradient(self) -> None:
+        return None
 
 
 def extra_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns) -> list[ExtraRows]:
-    """The extra constraints a problem needs in a motion space."""
+    """The extra constraints a problem needs in a motion space, but for clearance, which depends on the motion so far."""
     nv, extras = problem.robot.nv, []
     if isinstance(problem.goal, FramePose):
         extras.append(FrameGoal(problem.robot, problem.goal, unknowns.goal * nv))
@@ -46,7 +61,7 @@ def extra_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns) -> list
     return extras
 
 
-class FrameGoal:
+class FrameGoal(_Priceless):
     """The frame of a `FramePose` stands where it should: p(q) − p* = 0 and, where asked, ½ (R*ᵀR − RᵀR*)^∨ = 0.
 
     The second is sin θ times the axis of the remaining rotation; it also vanishes at θ = π, which seeds avoid and the
@@ -87,11 +102,11 @@ class FrameGoal:
         residual, jacobian = self._values(x[self._columns])
         return np.array(residual).ravel(), np.array(jacobian).ravel()
 
-    def curvature(self, x, multipliers):
+    def curvature(self, x, sigma, multipliers):
         return np.array(self._curvature(x[self._columns], multipliers))[self._upper]
 
 
-class FreeWaypoints:
+class FreeWaypoints(_Priceless):
     """Waypoints whose times are unknowns: q(t_w) − q_w = 0, in the order listed, a least gap apart.
 
     A waypoint with a fixed time only bounds the times of its neighbours. Unknown times are scaled by the duration.
@@ -155,7 +170,7 @@ class FreeWaypoints:
             jacobian.append(np.array([-1.0, 1.0]))
         return np.concatenate(values), np.concatenate(jacobian)
 
-    def curvature(self, x, multipliers):
+    def curvature(self, x, sigma, multipliers):
         times, T, result = x[self._first : self._first + self.variables], self._space.duration, []
         for w, s in enumerate(times):
             state, shares = self._state(s, x)
@@ -197,7 +212,7 @@ class ExtendedEvaluator:
         self._values = [extra.evaluate(x) for extra in self._extras]
 
     def objective(self):
-        return self._base.objective()
+        return self._base.objective() + sum(extra.objective() for extra in self._extras)
 
     def constraints(self, x, out):
         own = np.empty(self._rows)
@@ -208,6 +223,10 @@ class ExtendedEvaluator:
         own = np.empty(self._size)
         self._base.gradient(own)
         out[: self._size], out[self._size :] = own, 0.0
+        for extra in self._extras:
+            slope = extra.gradient()
+            if slope is not None:
+                out[: len(slope)] += slope
 
     def jacobian(self, out):
         self._base.jacobian(self._jac_base)
@@ -218,7 +237,7 @@ class ExtendedEvaluator:
         self._base.hessian(sigma, multipliers[: self._rows].copy(), self._hess_base)
         parts, first = [self._hess_base], self._rows
         for extra, count in zip(self._extras, self._counts, strict=True):
-            parts.append(extra.curvature(self._x, multipliers[first : first + count]))
+            parts.append(extra.curvature(self._x, sigma, multipliers[first : first + count]))
             first += count
         out[:] = np.bincount(self._hess_place, np.concatenate(parts), minlength=len(out))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.transcription.clearance import ClearanceTerms
 from energyopt.transcription.cuts import Cuts
 from energyopt.transcription.evaluators import make_evaluator
 from energyopt.transcription.extras import ExtendedEvaluator, extra_rows
@@ -85,6 +87,7 @@ def transcribe(
     space: MotionSpace,
     kernels: Kernels,
     cuts: Cuts | None = None,
+    clearance: Callable[[MotionSpace, Unknowns, Cuts], ClearanceTerms | None] | None = None,
 ) -> NonlinearProgram:
     """The nonlinear program of a problem in a motion space.
 
@@ -93,6 +96,7 @@ def transcribe(
         space: motions to choose from.
         kernels: of the problem's robot.
         cuts: rows added so far.
+        clearance: makes the terms of clearance, where there is something to stay clear of.
     """
     nv = problem.robot.nv
     unknowns = space.unknowns(*boundary_states(problem))
@@ -104,6 +108,8 @@ def transcribe(
     layout = make_layout(space, unknowns, linear, torque, weights)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
     evaluator, extras = make_evaluator(layout, kernels), extra_rows(problem, space, unknowns)
+    if clearance is not None and (terms := clearance(space, unknowns, cuts)) is not None:
+        extras.append(terms)
     if extras:
         evaluator = ExtendedEvaluator(evaluator, layout.size, layout.rows, patterns, extras)
         patterns = evaluator.jacobian_pattern, evaluator.hessian_pattern

@@ -1,0 +1,239 @@
+"""A campaign: all guesses and searches that one call of `plan` makes.
+
+Where nothing but the arm itself is in the way, guesses are the straight quintic and motions bent at random. Among obstacles they
+come from `pathfinding`, free ones first; those that are not free stay as a last resort, since a penalty can push a motion out
+of a shallow overlap. Of all motions that hold, the one of least J is refined.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
+
+import numpy as np
+
+from energyopt.avoidance import Avoidance, arm_obstacles, avoidance_of, planned_pairs
+from energyopt.clearance_checks import check_ends
+from energyopt.dynamics.kernels import Kernels
+from energyopt.errors import ProblemError
+from energyopt.feasibility import check_feasibility
+from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
+from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.pathfinding import Budget, FreeSpace
+from energyopt.pathfinding import guesses as clear_guesses
+from energyopt.problem import FramePose, Problem
+from energyopt.refinement import bisected
+from energyopt.search import Search, SearchOptions
+from energyopt.seeds import goals, guesses
+from energyopt.solvers import Outcome
+from energyopt.verification import is_valid, verify
+
+Parameterization = BSpline | Sinusoid | HermiteSimpson
+
+FALLBACKS = 3
+"""Further guesses tried where the first ones lead to no valid motion."""
+FINER = 2
+"""Times the knots are bisected where no guess leads to a motion inside the limits."""
+MOST_LEVELS = 12
+ROUGH_NODES = 10
+"""Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
+PATH_SECONDS = 8.0
+"""Time for the search of one path [s]."""
+STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One guess: its name, the motion, and the goal configuration it ends in."""
+
+    name: str
+    motion: Trajectory
+    goal: np.ndarray
+
+
+@dataclass
+class Campaign:
+    """All searches of one call of `plan`."""
+
+    problem: Problem
+    parameterization: Parameterization
+    kernels: Kernels
+    options: SearchOptions
+    seed: int
+    guess_s: float = 0.0
+    tried: list[str] = field(default_factory=list)
+
+    def run(self, starts: int | None) -> Search:
+        """The best search, refined."""
+        began = time.perf_counter()
+        targets = self._targets()
+        self._avoidance = avoidance_of(self.problem)
+        source = self._attempts(targets)
+        self.guess_s = time.perf_counter() - began
+        wanted, searches = starts or len(targets), []
+        for attempt in islice(source, wanted + FALLBACKS):
+            if len(searches) >= wanted and any(map(self._holds, searches)):
+                break
+            searches.append(self._searched(self._space(), attempt))
+            if searches[-1].outcome in STOP:
+                break
+        if all(search.outcome is Outcome.INFEASIBLE for search in searches):
+            searches += self._on_finer_knots(next(self._attempts(targets)))
+        held = {id(s): self._holds(s) for s in searches}
+        best = min(searches, key=lambda s: (not held[id(s)], s.objective if held[id(s)] else self._excess(s)))
+        best.iterations = sum(s.iterations for s in searches)
+        best.solve_s = sum(s.solve_s for s in searches)
+        if searches[-1].outcome is Outcome.INTERRUPTED:
+            best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
+        return self._refined(best)
+
+    def _targets(self) -> list[np.ndarray]:
+        """Goal configurations to aim at.
+
+        Raises:
+            ProblemError: start or goal touches something, or no goal configuration is possible.
+        """
+        targets = goals(self.problem, self.seed)
+        if isinstance(self.problem.goal, FramePose):
+            return self._possible(targets)
+        check_ends(self.problem, self.problem.goal_position)
+        return targets
+
+    def _attempts(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
+        problem = self.problem
+        if not (problem.obstacles or problem.workspace):
+            for k, motion in enumerate(guesses(problem, targets, self.seed)):
+                name = "straight" if k < len(targets) else f"bent {k - len(targets) + 1}"
+                yield Attempt(name, motion, targets[k % len(targets)])
+        free = FreeSpace.of(
+            problem.robot,
+            arm_obstacles(problem),
+            self_pairs=planned_pairs(problem),
+            attached=problem.attached,
+            limits=problem.limits,
+            margin=problem.clearance,
+        )
+        sources = [
+            clear_guesses(problem, free, target, seed=self.seed + k, budget=Budget(PATH_SECONDS))
+            for k, target in enumerate(targets)
+        ]
+        last = []
+        for guess, target in _in_turn(sources, targets):
+            if guess.free:
+                yield Attempt(guess.name, guess.trajectory, target)
+            else:
+                last.append(Attempt(guess.name, guess.trajectory, target))
+        yield from chain(last, (Attempt("bent", m, targets[0]) for m in islice(guesses(problem, targets, self.seed), 1, None)))
+
+    def _searched(self, space: MotionSpace, attempt: Attempt) -> Search:
+        avoidance = self._relaxed(attempt)
+        search = Search(self.problem, space, self.kernels, attempt.motion, self.options, avoidance, name=attempt.name)
+        search.banded = avoidance is not None and bool(avoidance.scene.obstacles)
+        search.stiffness = int(search.banded)
+        search.advance()
+        self.tried.append(attempt.name)
+        return search
+
+    def _relaxed(self, attempt: Attempt) -> Avoidance | None:
+        """What is asked of the spheres, given that start, goal and timed waypoints are free."""
+        if self._avoidance is None:
+            return None
+        problem = self.problem
+        stops = [(0.0, problem.start), (problem.duration, attempt.goal)]
+        return self._avoidance.relaxed(stops + [(w.time, w.position) for w in problem.waypoints if w.time is not None])
+
+    def _possible(self, targets: list[np.ndarray]) -> list[np.ndarray]:
+        """Goal configurations that are not impossible; where all are, the error of the nearest is raised."""
+        possible, errors = [], []
+        for target in targets:
+            try:
+                check_feasibility(self.problem, goal=target)
+                check_ends(self.problem, target)
+                possible.append(target)
+            except ProblemError as error:
+                errors.append(error)
+        if not possible:
+            raise errors[0]
+        return possible
+
+    def _on_finer_knots(self, attempt: Attempt) -> list[Search]:
+        """Searches in ever finer spaces, where the knots may be chosen: near the least duration coarse ones hold no motion."""
+        spline, searches = self.parameterization, []
+        if not isinstance(spline, BSpline) or spline.accuracy is None:
+            return searches
+        space = spline.space(self.problem.duration)
+        for _ in range(FINER):
+            space = bisected(space)
+            searches.append(self._searched(space, attempt))
+            if searches[-1].outcome is not Outcome.INFEASIBLE:
+                break
+        return searches
+
+    def _space(self) -> MotionSpace:
+        """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
+        rough = isinstance(self.parameterization, BSpline) and np.any(self.problem.robot.dynamics.coulomb_friction)
+        return self.parameterization.space(self.problem.duration, **({"nodes": ROUGH_NODES} if rough else {}))
+
+    def _holds(self, search: Search) -> bool:
+        return search.converged and is_valid(verify(self.problem, search.trajectory))
+
+    def _excess(self, search: Search) -> float:
+        violations = verify(self.problem, search.trajectory).amount
+        return max(violations.values(), default=0.0)
+
+    def _refined(self, search: Search) -> Search:
+        """Refine until the estimated error is below the accuracy asked; of all levels, the last that holds."""
+        levels = [search]
+        reason = self._levels(levels)
+        last = levels[-1]
+        held = next((level for level in reversed(levels) if self._holds(level)), last)
+        if held is not last:
+            reason = "a limit or the clearance did not hold on finer knots"
+        if reason and held.converged:
+            held.reason = _stopped(held.error, reason)
+        held.iterations, held.solve_s = search.iterations, search.solve_s
+        return held
+
+    def _levels(self, levels: list[Search]) -> str:
+        """Append a copy of the search for every level it converged on; returns why it stopped early, or nothing.
+
+        The search itself, the first of ``levels``, goes on in place so that its counts include what was given up.
+        """
+        spline, search = self.parameterization, levels[0]
+        accuracy = spline.accuracy if isinstance(spline, BSpline) else None
+        levels[:] = [replace(search)]
+        while accuracy and search.converged and search.levels < MOST_LEVELS:
+            if search.error is not None and search.error <= accuracy:
+                return ""
+            kept = levels[-1]
+            if not search.refine(spline) or not search.advance():
+                if search.outcome is Outcome.INTERRUPTED:
+                    kept.outcome = Outcome.INTERRUPTED
+                return search.reason
+            if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
+                kept.gain = search.gain
+                return "finer knots gave no better motion" if kept.error > accuracy else ""
+            levels.append(replace(search))
+        return ""
+
+
+def _in_turn(sources: list[Iterator], targets: list[np.ndarray]) -> Iterator[tuple]:
+    """One guess of each source after another, with the source's target, until all have ended."""
+    open_ = list(zip(sources, targets, strict=True))
+    while open_:
+        for pair in tuple(open_):
+            guess = next(pair[0], None)
+            if guess is None:
+                open_.remove(pair)
+            else:
+                yield guess, pair[1]
+
+
+def _stopped(error: float | None, reason: str) -> str:
+    return f"refinement stopped at an estimated error of {_percent(error)}: {reason}"
+
+
+def _percent(error: float | None) -> str:
+    return "unknown size" if error is None else f"{100 * error:.2g} %"
