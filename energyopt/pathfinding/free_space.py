@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from energyopt.geometry.bodies import Attached
 from energyopt.geometry.exact import Closest, CollisionScene
 from energyopt.geometry.kinematics import configurations, joint_placements
-from energyopt.geometry.robot_spheres import robot_spheres
+from energyopt.geometry.robot_spheres import SphereModel, robot_spheres
 from energyopt.geometry.self_collision import self_collision_pairs
 from energyopt.geometry.shapes import Shape
 from energyopt.geometry.values import non_negative, positive
@@ -80,6 +80,7 @@ class FreeSpace:
         bound: Sequence[tuple[str, Shape]] = (),
         margin: float = 0.0,
         resolution: float = RESOLUTION,
+        spheres: SphereModel | None = None,
         compiled: bool = True,
     ) -> FreeSpace:
         """The free space of a robot among obstacles.
@@ -93,6 +94,7 @@ class FreeSpace:
             bound: frames whose origins have to stay out of walls (with nothing else of the robot): pairs (frame, wall).
             margin: clearance to be kept [m].
             resolution: by how much a distance may change between samples of a straight way [m].
+            spheres: cover of the robot and of what is attached, where it is there already.
             compiled: False does without the compiled first stage (the answers are the same).
 
         Raises:
@@ -100,7 +102,9 @@ class FreeSpace:
         """
         pairs = self_collision_pairs(robot, attached).pairs if self_pairs is None else tuple(self_pairs)
         scene = CollisionScene(robot, obstacles, pairs, attached)
-        overlaps = Overlaps(robot_spheres(robot, attached=attached), scene.obstacles, pairs, compiled)
+        overlaps = Overlaps(
+            robot_spheres(robot, attached=attached) if spheres is None else spheres, scene.obstacles, pairs, compiled
+        )
         margin, resolution = non_negative("margin", margin), positive("resolution", resolution)
         for frame, _ in bound:
             robot.frame_id(frame)
@@ -133,7 +137,7 @@ class FreeSpace:
             t: times [s], one or one a configuration; None asks the clock.
         """
         q = configurations(self.robot.model, q)
-        t = self._times(q) if t is None else np.broadcast_to(np.asarray(t, float), len(q))
+        t = self.times(q) if t is None else np.broadcast_to(np.asarray(t, float), len(q))
         result = self.allowed(q)
         near = np.zeros((len(q), len(self.overlaps.columns)), bool)
         near[result] = self.overlaps.near(q[result], t[result], self.margin)
@@ -150,7 +154,7 @@ class FreeSpace:
     def free_way(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Whether the straight way between two configurations (nv,) is free; ``a`` itself is not asked."""
         samples = self.way(a, b)
-        return self._all_free(samples, self._times(samples))
+        return self._all_free(samples, self.times(samples))
 
     def free_path(self, path: np.ndarray) -> bool:
         """Whether a path of straight ways between configurations (K, nv) is free, its start included."""
@@ -193,7 +197,8 @@ class FreeSpace:
         near = self.overlaps.near(q, t, self.margin)
         return all(self._clear(q[n], t[n], near[n]) for n in np.flatnonzero(near.any(axis=1)))
 
-    def _times(self, q: np.ndarray) -> np.ndarray:
+    def times(self, q: np.ndarray) -> np.ndarray:
+        """When obstacles are met at configurations (N, nv) [s], shape (N,)."""
         return np.zeros(len(q)) if self.clock is None else self.clock(q)
 
     def _steps(self, way: np.ndarray) -> int:

@@ -147,7 +147,7 @@ def _searched(
     """A guess from a path through all waypoints, in their order."""
     began, legs = time.monotonic(), []
     stops = [problem.start, *(w.position for w in problem.waypoints), goal]
-    space = roomy(free, stops).timed(problem.start, goal, problem.duration)
+    space = roomy(free.timed(problem.start, goal, problem.duration), stops)
     for a, b in zip(stops[:-1], stops[1:], strict=True):
         found = rrt_connect(space, a, b, rng, budget)
         if not found.found:
@@ -165,6 +165,6 @@ def _searched(
 
 def roomy(free: FreeSpace, stops: list[np.ndarray]) -> FreeSpace:
     """The same free space with a little more margin, but less than what start, goal and waypoints have to spare."""
-    closest = [free.closest(q) for q in stops]
+    closest = [free.closest(q, t) for q, t in zip(stops, free.times(np.array(stops)), strict=True)]
     least = min((c.distance for c in closest if c is not None), default=np.inf)
     return free.with_margin(max(0.0, min(free.margin + EXTRA, END_SHARE * least)))

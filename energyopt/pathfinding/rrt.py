@@ -102,8 +102,7 @@ def require_free(free: FreeSpace, q: np.ndarray, where: str) -> None:
         raise ProblemError(f"{where}: joint '{name}' is at {q[worst]:.6g}, {outside[worst]:.3g} outside its position limits")
     if not free.allowed(q[None])[0]:
         raise ProblemError(f"{where}: a frame is outside the workspace it is bound to; choose another {where}")
-    clock = 0.0 if free.clock is None else float(free.clock(q[None])[0])
-    closest = free.closest(q, clock)
+    closest = free.closest(q, float(free.times(q[None])[0]))
     gap = f"{1e3 * abs(closest.distance):.2f} mm {'apart' if closest.distance > 0 else 'inside one another'}"
     raise ProblemError(
         f"{where}: '{closest.first}' and '{closest.second}' are {gap}, expected more than {1e3 * free.margin:.2f} mm; "

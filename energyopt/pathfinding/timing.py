@@ -9,7 +9,8 @@ and so are the limits of τ and q̈; limits of q̇ bound x. On a grid, with u co
 A backward pass finds for every s_i the largest x from which the end can still be reached at rest, a forward pass takes the
 largest u that stays below (Q.-C. Pham and H. Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
 Analysis", IEEE T-RO 34, 2018). Limits hold at both ends of every interval. Friction is counted between none and that at the
-largest velocity, whichever is worse, which is exact without friction. Limits of jerk and torque rate are not looked at.
+largest velocity, whichever is worse, and that velocity is one at which viscous friction takes no more than half of the torque
+that is left: exact without friction, on the safe side with it. Limits of jerk and torque rate are not looked at.
 
 A law made slower by a factor r has torques c + r²(τ − c): what holds at rest and at full speed holds in between.
 """
@@ -76,10 +77,10 @@ def fastest(path: np.ndarray | SplineTrajectory, robot: RobotModel, limits: Limi
     """
     curve, limits = _as_curve(path), limits or robot.limits
     s = curve.sample_times(max(1, -(-INTERVALS // (len(curve.breaks) - 1))))
-    first, second = curve(s, 1), curve(s, 2)
-    with np.errstate(divide="ignore"):
-        most = np.min((limits.velocity / np.abs(first)) ** 2, axis=1)
-    rows = _interval_rows(s, *_limit_rows(curve(s), first, second, robot, limits, most))
+    held = robot.torque(curve(s), *np.zeros((2, len(s), robot.nv)))
+    _require_held(limits.torque - np.abs(held) - robot.dynamics.coulomb_friction, held, robot, limits)
+    most = _most(curve(s, 1), held, robot, limits)
+    rows = _interval_rows(s, *_limit_rows(curve, s, held, robot, limits, most))
     reachable = _backward(s, most, rows)
     if not np.all(np.isfinite(reachable[1:-1])):
         raise ProblemError("path: neither velocity nor torque nor acceleration is limited; give limits to find a least duration")
@@ -124,18 +125,24 @@ def _as_curve(path: np.ndarray | SplineTrajectory) -> SplineTrajectory:
     return path if isinstance(path, SplineTrajectory) else rounded(path)
 
 
+def _most(first: np.ndarray, held: np.ndarray, robot: RobotModel, limits: Limits) -> np.ndarray:
+    """The largest x at every place that velocity limits and viscous friction allow, shape (N + 1,)."""
+    left = limits.torque - np.abs(held) - robot.dynamics.coulomb_friction
+    with np.errstate(divide="ignore", invalid="ignore"):
+        velocity = np.fmin(limits.velocity, 0.5 * left / robot.dynamics.viscous_friction)
+        return np.min((velocity / np.abs(first)) ** 2, axis=1)
+
+
 def _limit_rows(
-    q: np.ndarray, first: np.ndarray, second: np.ndarray, robot: RobotModel, limits: Limits, most: np.ndarray
+    curve: SplineTrajectory, s: np.ndarray, held: np.ndarray, robot: RobotModel, limits: Limits, most: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The limits at every place as α u + β x ≤ γ; three arrays of shape (N + 1, R)."""
+    q, first, second = curve(s), curve(s, 1), curve(s, 2)
     rigid = lambda v, a: robot.torque(q, v, a) - robot.dynamics.friction(v)
-    none = np.zeros_like(q)
-    held = rigid(none, none)
-    a, b = rigid(none, first) - held, rigid(first, second) - held
+    a, b = rigid(np.zeros_like(q), first) - held, rigid(first, second) - held
     rub = robot.dynamics.friction(first * np.sqrt(np.where(np.isfinite(most), most, 0.0))[:, None])
     up, down = limits.torque - held - np.maximum(rub, 0.0), limits.torque + held + np.minimum(rub, 0.0)
-    _require_held(np.minimum(up, down), held, robot, limits)
-    most_pull = limits.acceleration + none
+    most_pull = np.broadcast_to(limits.acceleration, q.shape)
     sides = [(a, b, up), (-a, -b, down), (first, second, most_pull), (-first, -second, most_pull)]
     alpha, beta, gamma = (np.concatenate([side[k] for side in sides], axis=1) for k in range(3))
     use = np.any(np.isfinite(gamma), axis=0)

@@ -128,6 +128,9 @@ def _entries(path: Path) -> list[Any]:
 
 def _problem(entry: Mapping[str, Any], robot: RobotModel) -> MbmProblem:
     order = [entry["joint_names"].index(name) for name in robot.joint_names]
+    for key in ("q_start", "q_goal"):
+        if len(entry[key]) != len(order):
+            raise ValueError(f"{key} holds {len(entry[key])} numbers; expected {len(order)}")
     start, goal = (np.array(entry[key], dtype=float)[order] for key in ("q_start", "q_goal"))
     frame = robot.model.frames[robot.frame_id(entry["frame"])]
     if frame.parentJoint != 0:
