@@ -1,20 +1,25 @@
 """Requests that no motion can meet, found before anything is solved.
 
-Each check is a necessary condition with its own remedy in the message: boundary states inside the limits, torques that
-hold the arm at both ends, and a duration that the kinematic limits allow. For a joint that moves by d from rest to rest,
-
-    T ≥ d/v_max,   T ≥ d/v_max + v_max/a_max  (or 2 √(d/a_max) where v_max is not reached),   T ≥ (32 d/j_max)^⅓.
+Each check is a necessary condition with its own remedy in the message: boundary states inside the limits, torques that hold
+the arm at both ends, a goal within the length of the arm, and (see `least_times`) the time that the way takes at least.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from energyopt.errors import ProblemError
-from energyopt.problem import Problem
+from energyopt.dynamics.body import joint_axis
+from energyopt.impossible import called, impossible, joint, unit
+from energyopt.least_times import check_changes, check_times, kinematic_minimum
+from energyopt.problem import FramePose, Problem
+from energyopt.reach import check_reach
+
+__all__ = ["check_feasibility", "kinematic_minimum"]
 
 SLACK = 1e-6
 """Excess over a limit [rad, rad/s, rad/s²] that is taken for rounding in the input."""
+MANY_TURNS = 3 * np.pi
+"""Positions [rad] beyond this are rare enough for a hint that they might be degrees."""
 
 
 def check_feasibility(problem: Problem, goal: np.ndarray | None = None) -> None:
@@ -27,54 +32,52 @@ def check_feasibility(problem: Problem, goal: np.ndarray | None = None) -> None:
     Raises:
         ProblemError: names the joint, by how much, and what would make it possible.
     """
+    if goal is None and isinstance(problem.goal, FramePose):
+        check_reach(problem)
     goal = problem.goal_position if goal is None else goal
-    _check_states(problem, goal)
+    _check_positions(problem, goal)
+    _check_rates(problem)
     _check_static_torque(problem, goal)
-    _check_duration(problem, goal)
+    check_times(problem, goal)
+    check_changes(problem, goal)
 
 
-def kinematic_minimum(problem: Problem, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Least time [s] each joint needs from ``start`` to ``goal`` (nv,) under velocity, acceleration and jerk limits.
-
-    With boundary velocities or accelerations other than zero only the velocity limit is counted (still a lower bound).
-    """
-    limits, d = problem.limits, np.abs(np.asarray(goal) - np.asarray(start))
-    least = d / limits.velocity
-    moving = [problem.start_velocity, problem.goal_velocity, problem.start_acceleration, problem.goal_acceleration]
-    if any(np.any(state) for state in moving):
-        return least
-    with np.errstate(invalid="ignore", divide="ignore"):
-        reaches = d >= limits.velocity**2 / limits.acceleration
-        ramps = np.where(
-            reaches, d / limits.velocity + limits.velocity / limits.acceleration, 2 * np.sqrt(d / limits.acceleration)
-        )
-        ramps = np.where(np.isfinite(limits.acceleration), ramps, 0.0)
-    return np.maximum.reduce([least, ramps, np.cbrt(32 * d / limits.jerk)])
-
-
-def _check_states(problem: Problem, goal: np.ndarray | None) -> None:
+def _check_positions(problem: Problem, goal: np.ndarray | None) -> None:
     limits = problem.limits
-    stations = [("start", problem.start), ("goal", goal)]
-    stations += [(f"waypoints[{k}]", w.position) for k, w in enumerate(problem.waypoints)]
+    stations = [("start", problem.start), *((f"waypoints[{k}]", w.position) for k, w in enumerate(problem.waypoints))]
+    stations += [] if goal is None else [("goal", goal)]
     for where, q in stations:
-        if q is None:
-            continue
         for bound, excess, word in ((limits.lower, limits.lower - q, "below"), (limits.upper, q - limits.upper, "above")):
             i = int(np.argmax(excess))
             if excess[i] > SLACK:
-                raise ProblemError(
-                    f"{where}: {_joint(problem, i)} is {q[i]:.6g} rad, {excess[i]:.3g} {word} its position limit {bound[i]:.6g}; "
-                    "move it inside or widen position_limits"
-                )
-    for kind, bound in (("velocity", limits.velocity), ("acceleration", limits.acceleration)):
+                beyond = f"{excess[i]:.3g} {word} its position limit {bound[i]:.6g}"
+                words = f"{joint(problem, i)} is {q[i]:.6g} {unit(problem, i)}, {beyond}"
+                remedy = _degrees_hint(problem, q) or f"move it inside or widen {called(problem, 'position_limits')}"
+                raise impossible(problem, where, f"{words}; {remedy}")
+
+
+def _degrees_hint(problem: Problem, q: np.ndarray) -> str:
+    """A remedy where positions make sense as degrees and not as radians; else ""."""
+    limits, model = problem.limits, problem.robot.model
+    turns = np.array([joint_axis(model, i + 1)[0] != "prismatic" for i in range(problem.robot.nv)])
+    converted = np.where(turns, np.deg2rad(q), q)
+    fits = np.all((converted >= limits.lower - SLACK) & (converted <= limits.upper + SLACK))
+    if not (fits and np.any(np.abs(q[turns]) > MANY_TURNS)):
+        return ""
+    remedy = "numpy.deg2rad converts them" if problem.origin is None else 'angles = "deg" at the top of the file reads them so'
+    return f"looks like degrees, expected radians: {remedy}"
+
+
+def _check_rates(problem: Problem) -> None:
+    for kind, u in (("velocity", "s"), ("acceleration", "s²")):
+        bound = getattr(problem.limits, kind)
         for end in ("start", "goal"):
             value = getattr(problem, f"{end}_{kind}")
             i = int(np.argmax(np.abs(value) - bound))
             if abs(value[i]) > bound[i] + SLACK:
-                raise ProblemError(
-                    f"{end}_{kind}: {_joint(problem, i)} has {value[i]:.6g}, beyond its limit {bound[i]:.6g}; "
-                    f"lower it or raise {kind}_limits"
-                )
+                words = f"{joint(problem, i)} has {value[i]:.6g} {unit(problem, i)}/{u}, beyond its limit {bound[i]:.6g}"
+                remedy = f"lower it or raise {called(problem, f'{kind}_limits')}"
+                raise impossible(problem, f"{end}_{kind}", f"{words}; {remedy}")
 
 
 def _check_static_torque(problem: Problem, goal: np.ndarray | None) -> None:
@@ -87,27 +90,7 @@ def _check_static_torque(problem: Problem, goal: np.ndarray | None) -> None:
         tau = problem.robot.torque(q, v, a)
         i = int(np.argmax(np.abs(tau) / limits.torque))
         if abs(tau[i]) > limits.torque[i] * (1 + 1e-6):
-            raise ProblemError(
-                f"{where}: {_joint(problem, i)} needs {abs(tau[i]):.4g} N·m there, its torque limit is {limits.torque[i]:.4g}; "
-                f"choose another {where}, a lighter payload, or torque_limits of at least {abs(tau[i]):.4g}"
-            )
-
-
-def _check_duration(problem: Problem, goal: np.ndarray | None) -> None:
-    timed = [(0.0, problem.start, "start")]
-    timed += [(w.time, w.position, f"waypoints[{k}]") for k, w in enumerate(problem.waypoints) if w.time is not None]
-    if goal is not None:
-        timed.append((problem.duration, goal, "goal"))
-    several = len(timed) > 2
-    for (t0, q0, name0), (t1, q1, name1) in zip(timed[:-1], timed[1:], strict=True):
-        least = np.abs(q1 - q0) / problem.limits.velocity if several else kinematic_minimum(problem, q0, q1)
-        i = int(np.argmax(least))
-        if least[i] > (t1 - t0) * (1 + 1e-9):
-            raise ProblemError(
-                f"duration: {_joint(problem, i)} needs at least {least[i]:.4g} s from {name0} to {name1} under its limits, "
-                f"{t1 - t0:.4g} s are given; allow more time, a shorter way, or higher limits"
-            )
-
-
-def _joint(problem: Problem, i: int) -> str:
-    return f"joint '{problem.robot.joint_names[i]}'"
+            u = "N·m" if unit(problem, i) == "rad" else "N"
+            least = f"{called(problem, 'torque_limits')} of at least {abs(tau[i]):.4g}"
+            words = f"{joint(problem, i)} needs {abs(tau[i]):.4g} {u} there, its torque limit is {limits.torque[i]:.4g}"
+            raise impossible(problem, where, f"{words}; choose another {where}, a lighter payload, or {least}")

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from energyopt.errors import ProblemError
+from energyopt.impossible import called, impossible
 from energyopt.problem import FramePose, Problem
 
 TOLERANCE = 1e-8
@@ -22,30 +23,36 @@ def goal_configurations(problem: Problem, seed: int = 0, count: int = 4, tries: 
     Nearness is the kinematic time the slowest joint needs from the start. The first search starts from the start itself.
 
     Raises:
-        ProblemError: none was found; the message gives the least error reached.
+        ProblemError: none was found, which proves nothing; the message gives the least error reached.
     """
     rng, limits = np.random.default_rng(seed), problem.limits
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     low, high = np.minimum(low, high), np.maximum(low, high)
-    found, best = [], np.inf
+    found, best = [], np.full(3, np.inf)
     for k in range(tries):
         q = problem.start if k == 0 else rng.uniform(low, high)
         q, error = _search(problem, problem.goal, np.clip(q, limits.lower, limits.upper))
-        best = min(best, error)
-        if error < TOLERANCE and all(np.abs(q - other).max() > 1e-2 for other in found):
+        best = min(best, error, key=np.linalg.norm)
+        if np.linalg.norm(error) < TOLERANCE and all(np.abs(q - other).max() > 1e-2 for other in found):
             found.append(q)
         if len(found) >= 3 * count:
             break
     if not found:
-        raise ProblemError(
-            f"goal: no configuration inside the position limits brings frame '{problem.goal.frame}' to the goal; the nearest of "
-            f"{tries} searches is off by {best:.3g} (m + rad); move the goal, free its orientation, or widen position_limits"
-        )
+        raise _not_found(problem, best, tries)
     time = lambda q: np.max(np.abs(q - problem.start) / problem.limits.velocity)
     return sorted(found, key=time)[:count]
 
 
-def _search(problem: Problem, goal: FramePose, q: np.ndarray, steps: int = 100) -> tuple[np.ndarray, float]:
+def _not_found(problem: Problem, error: np.ndarray, tries: int) -> ProblemError:
+    goal, free = problem.goal, problem.goal.rotation is None
+    missed = f"{np.linalg.norm(error[:3]):.3g} m" + ("" if free else f" and {np.linalg.norm(error[3:]):.3g} rad")
+    words = f"no configuration was found that brings frame '{goal.frame}' there inside the position limits"
+    remedy = f"move the goal, {'' if free else 'free its orientation, '}or widen {called(problem, 'position_limits')}"
+    return impossible(problem, "goal", f"{words}: the nearest of {tries} searches is off by {missed}; {remedy}")
+
+
+def _search(problem: Problem, goal: FramePose, q: np.ndarray, steps: int = 100) -> tuple[np.ndarray, np.ndarray]:
+    """The configuration a search from ``q`` ends in, and its pose error."""
     model, limits = problem.robot.model, problem.limits
     data, frame, damping = model.createData(), problem.robot.frame_id(goal.frame), 1e-2
     error, jacobian = _pose_error(model, data, frame, goal, q)
@@ -61,7 +68,7 @@ def _search(problem: Problem, goal: FramePose, q: np.ndarray, steps: int = 100) 
             damping *= 4.0
             if damping > 1e3:
                 break
-    return q, float(np.linalg.norm(error))
+    return q, error
 
 
 def _pose_error(model: pin.Model, data: pin.Data, frame: int, goal: FramePose, q: np.ndarray):

@@ -113,10 +113,8 @@ def positive(key: str, value: ArrayLike, joints: Sequence[str]) -> np.ndarray:
     array = vector(key, value, joints)
     bad = np.flatnonzero(array <= 0)
     if bad.size:
-        i = bad[0]
-        raise ProblemError(
-            f"{_entry(key, i, joints)} is {array[i]:g}: expected a number > 0 (leave it out for the robot's own limit)"
-        )
+        i, remedy = bad[0], "leave it out for the robot's own limit"
+        raise ProblemError(f"{_entry(key, i, joints)} is {array[i]:g}: expected a number > 0 ({remedy})")
     return array
 
 
@@ -185,9 +183,8 @@ def waypoints(values: Sequence, joints: Sequence[str], duration: float, kind: Ca
     try:
         listed = list(values)
     except TypeError:
-        raise ProblemError(
-            f"waypoints: expected a list of configurations of {len(joints)} numbers, got {shown(values)}"
-        ) from None
+        expected = f"a list of configurations of {len(joints)} numbers"
+        raise ProblemError(f"waypoints is {shown(values)}: expected {expected}") from None
     made, latest = [], 0.0
     for k, value in enumerate(listed):
         key = f"waypoints[{k}]"

@@ -116,9 +116,26 @@ def test_the_elbow_that_cannot_be_held_is_not_chosen():
 @pytest.mark.parametrize(
     "goal, words",
     [
-        (eo.FramePose("tool", [2.0, 0.0, 0.0]), ["goal", "frame 'tool'", "off by 1.1", "free its orientation"]),
-        (eo.FramePose("tool", [0.5, 0.3, 0.2]), ["goal", "frame 'tool'", "off by 0.3"]),
-        (eo.FramePose("tool", [0.5, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0]), ["goal", "frame 'tool'", "off by"]),
+        (
+            eo.FramePose("tool", [2.0, 0.0, 0.0]),
+            ["goal: out of reach", "frame 'tool'", "within 0.9 m of joint 'joint1'", "2 m away"],
+        ),
+        (eo.FramePose("tool", [0.0, 0.9, 0.1]), ["goal: out of reach", "the goal is 0.9055 m away", "nearer"]),
+        (eo.FramePose("tool", [500.0, 0.0, 200.0]), ["goal: out of reach", "looks like millimetres"]),
+        (eo.FramePose("base", [0.5, 0.0, 0.0]), ["goal: frame 'base' stands still", "such as 'tool'"]),
+        (
+            eo.FramePose("tool", [0.5, 0.3, 0.2]),
+            ["goal: no configuration was found", "frame 'tool'", "off by 0.3 m; move the goal"],
+        ),
+        (
+            eo.FramePose("tool", [0.5, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0]),
+            [
+                "no configuration was found",
+                "off by",
+                " m and ",
+                " rad; move the goal, free its orientation, or widen position_limits",
+            ],
+        ),
     ],
 )
 def test_a_place_out_of_reach_is_named_with_how_far_it_is(goal, words):

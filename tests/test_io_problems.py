@@ -155,12 +155,16 @@ WRONG = {
     "nan": (UR5.replace("start = [0,", "start = [nan,"), "problem.start[0] is nan; expected a finite number"),
     "inf": (UR5 + "velocity_weight = inf", "problem.velocity_weight is inf; expected a finite number"),
     "huge whole number": (UR5.replace("duration = 1", "duration = 1" + 400 * "0"), "problem.duration is larger than 1e100"),
-    "wrong count": (UR5.replace("start = [0,", "start = [0, 0,"), "start: expected 6 numbers, got 7 numbers"),
+    "wrong count": (UR5.replace("start = [0,", "start = [0, 0,"), "wrist_3_joint, got 7 numbers"),
     "nested list": (UR5.replace("start = [0,", "start = [[0],"), "problem.start is [[0], -1"),
     "goal of a wrong kind": (UR5.replace("goal = [1.0, -1.2, 0.7, 0, 0, 0]", 'goal = "hom"'), 'problem.goal is "hom"; expected'),
     "goal frame": (
         UR5.replace("goal = [1.0, -1.2, 0.7, 0, 0, 0]", "goal = {frame='tol0', position=[0,0,0]}"),
         "no frame named 'tol0'",
+    ),
+    "degrees as rpy": (
+        UR5.replace("goal = [1.0, -1.2, 0.7, 0, 0, 0]", "goal = {position=[0,0,0], rpy=[180,0,0]}"),
+        "problem.goal.rpy is [180, 0, 0]; looks like degrees",
     ),
     "two rotations": (
         UR5.replace("goal = [1.0, -1.2, 0.7, 0, 0, 0]", "goal = {position=[0,0,0], rpy=[0,0,0], quaternion=[1,0,0,0]}"),
@@ -172,7 +176,10 @@ WRONG = {
         UR5 + "[limits]\nvelocity = {elbow = 1}",
         "limits.velocity.elbow is not a joint that moves; did you mean",
     ),
-    "negative limit": (UR5 + "[limits]\ntorque = [1, 1, 1, 1, 1, -1]", "torque_limits[5] is -1: expected a number > 0"),
+    "negative limit": (
+        UR5 + "[limits]\ntorque = [1, 1, 1, 1, 1, -1]",
+        "limits.torque[5] (joint 'wrist_3_joint') is -1: expected a",
+    ),
     "inverted limit": (UR5 + "[limits]\nposition = {lower = 1, upper = -1}", "lower 1 is not below upper -1"),
     "odd position limit": (UR5 + "[limits]\nposition = [1, 2]", "limits.position is [1, 2]; expected {lower"),
     "waypoint without position": (UR5 + "[[waypoints]]\ntime = 0.5", "waypoints[0].position is missing"),
@@ -230,7 +237,7 @@ def test_the_line_of_the_offending_key_is_named(tmp_path):
     with pytest.raises(ProblemError, match=r"task\.toml:11: waypoints\[1\]\.position is 1"):
         eo.load_problem(written(tmp_path, two))
     short = UR5.replace("goal = [1.0, ", "goal = [")
-    with pytest.raises(ProblemError, match=r"task\.toml:6: goal: expected 6 numbers"):
+    with pytest.raises(ProblemError, match=r"task\.toml:6: problem\.goal: expected 6 numbers"):
         eo.load_problem(written(tmp_path, short))
 
 

@@ -15,7 +15,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "problem problem_values parameterizations",
     "avoidance clearance",
     "sampling waypoints plans solvers arguments",
-    "limit_checks baselines inverse_kinematics feasibility",
+    "limit_checks baselines inverse_kinematics feasibility impossible least_times reach",
     "clearance_checks pathfinding",
     "transcription",
     "verification seeds refinement",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots import RobotModel
 
 _CLASSES = {"bspline": BSpline, "sinusoid": Sinusoid, "hermite_simpson": HermiteSimpson}
+MOST_TURNED = 3 * np.pi
+"""Roll, pitch and yaw [rad] beyond this are not meant."""
 _ANGULAR_KEYS = ("start", "goal", "start_velocity", "goal_velocity", "start_acceleration", "goal_acceleration")
 
 
@@ -109,11 +112,12 @@ def _problem(document: Document, table: dict[str, Any], robot: RobotModel, angle
         listed = enumerate(table.get("waypoints", []))
         waypoints = tuple(Waypoint(_vector(k, si(w["position"]), robot), w.get("time")) for k, w in listed)
         own = {f"{key}_limits": _limit(document, key, value, robot) for key, value in limits.items()}
-        return Problem(robot, **asked, **own, waypoints=waypoints, name=table.get("name", document.path.stem))
+        more = {"name": table.get("name", document.path.stem), "origin": partial(key_in_file, document)}
+        return Problem(robot, **asked, **own, **more, waypoints=waypoints)
     except ProblemError as error:
         message = str(error)
         placed = message.startswith(str(document.path))
-        raise ProblemError(message if placed else f"{_place(document, message)}: {message}") from None
+        raise ProblemError(message if placed else _in_file(document, message)) from None
 
 
 def _vector(k: int, value: Any, robot: RobotModel) -> np.ndarray:
@@ -130,6 +134,9 @@ def _frame_goal(document: Document, goal: dict[str, Any], robot: RobotModel, ang
     if "rpy" in goal:
         import pinocchio as pin
 
+        if angles == "rad" and np.max(np.abs(goal["rpy"])) > MOST_TURNED:
+            reason = 'looks like degrees, expected radians: angles = "deg" at the top of the file reads them so'
+            raise document.error("problem.goal.rpy", f"is {shown(goal['rpy'])}; {reason}")
         rotation = pin.rpy.rpyToMatrix(np.array(goal["rpy"], dtype=float) * (DEGREE if angles == "deg" else 1.0))
     frame = goal.get("frame", robot.tool_frame)
     try:
@@ -156,12 +163,21 @@ def _filled(document: Document, key: str, by_joint: dict[str, float], robot: Rob
     return np.array([by_joint.get(joint, default) for joint, default in zip(robot.joint_names, own, strict=True)])
 
 
-def _place(document: Document, message: str) -> str:
-    """Where the key stands with which a message of `Problem` begins."""
-    word = re.match(r"[a-z_]+", message)
-    key = word[0] if word else ""
+def key_in_file(document: Document, key: str) -> tuple[str, str]:
+    """Where an argument of `Problem`, such as "start" or "torque_limits", stands in a file, and what it is called there."""
+    name = f"problem.{key}"
     if key.endswith("_limits"):
-        return document.place(f"limits.{key.removesuffix('_limits')}")
-    if key == "waypoints":
-        return document.place(re.match(r"[a-z_]+(\[\d+\])?", message)[0])
-    return document.place(f"problem.{key}")
+        kind = key.removesuffix("_limits")
+        of_robot = kind in document.table["robot"].get("limits", {}) and kind not in document.table.get("limits", {})
+        name = f"robot.limits.{kind}" if of_robot else f"limits.{kind}"
+    elif key.partition("[")[0] in PROBLEM_FILE.keys:
+        name = key
+    return document.place(name), name
+
+
+def _in_file(document: Document, message: str) -> str:
+    """A message of `Problem`, which begins with the name of an argument, in the words of the file."""
+    begins = re.match(r"(waypoints\[\d+\]|[a-z_]+)", message)
+    key = begins[0] if begins else ""
+    place, name = key_in_file(document, key)
+    return f"{place}: {name}{message.removeprefix(key)}" if key else f"{place}: {message}"
