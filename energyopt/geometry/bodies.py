@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from energyopt.errors import GeometryError
-from energyopt.geometry.cache import cached_arrays, digest
+from energyopt.geometry.cache import VERSION, cached_arrays, digest
 from energyopt.geometry.mesh_files import read_mesh
 from energyopt.geometry.pieces import convex_pieces
 from energyopt.geometry.shapes import Box, Capsule, ConvexMesh, Cylinder, HalfSpace, Shape, Sphere
@@ -141,8 +141,7 @@ def _mesh_pieces(robot: RobotModel, mesh: ET.Element, where: str) -> list[np.nda
     """Corners of the convex pieces of a mesh file, in metres; kept in the cache."""
     path = resolve_mesh(robot, mesh.get("filename") or "")
     scale = np.array(numbers(mesh, "scale", "1 1 1"))
-    own = Path(convex_pieces.__code__.co_filename).read_bytes()
-    key = digest(own, path.read_bytes(), path.suffix.lower(), scale)
+    key = digest(VERSION, path.read_bytes(), path.suffix.lower(), scale)
 
     def compute() -> dict[str, np.ndarray]:
         vertices, triangles = read_mesh(path, MAX_MESH_BYTES, f"{where}: mesh '{path.name}'")

@@ -1,7 +1,9 @@
-"""Results that take long to compute, kept as arrays in the user's cache folder.
+"""Results that take long to compute, kept as arrays: those of the catalogue's robots come with the package, others are
+computed once and put into the user's cache folder.
 
-A file's name is the hash of everything its content depends on, so it is never out of date; it is written under another name
-and renamed, so that it is whole or not there. What cannot be read, or is not as expected, is computed again.
+Everything a result depends on is hashed into its key, so it is never out of date; `VERSION` stands for the code. A file is
+written under another name and renamed, so that it is whole or not there. What cannot be read, or is not as expected, is
+computed again.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +25,10 @@ log = logging.getLogger("energyopt")
 
 Arrays = dict[str, np.ndarray]
 MAX_BYTES = 50_000_000
+VERSION = "1"
+"""To be raised with every change of this folder's modules that changes pieces of meshes or covers; then
+``python -m energyopt.geometry.ship`` renews what comes with the package."""
+SHIPPED = Path(__file__).with_name("shipped.npz")
 
 
 def digest(*parts: str | bytes | np.ndarray) -> str:
@@ -37,20 +44,48 @@ def digest(*parts: str | bytes | np.ndarray) -> str:
 
 
 def cached_arrays(kind: str, key: str, compute: Callable[[], Arrays], valid: Callable[[Arrays], bool]) -> Arrays:
-    """The arrays of ``key``, read from the cache, or computed and put there.
+    """The arrays of ``key``: those that come with the package, or read from the cache, or computed and put there.
 
     Args:
         kind: first part of the file's name; key: from `digest`.
         compute: what to call where the cache has nothing that can be used.
         valid: whether arrays read from a file are such as ``compute`` returns.
     """
-    path = cache_folder() / f"{kind}-{key}.npz"
+    name = f"{kind}-{key}"
+    found = _shipped(name)
+    if found is not None and valid(found):
+        return found
+    path = cache_folder() / f"{name}.npz"
     found = _read(path)
     if found is not None and valid(found):
         return found
     arrays = compute()
     _write(path, arrays)
     return arrays
+
+
+def _shipped(name: str) -> Arrays | None:
+    """What comes with the package under a name; members of the archive are called ``name/array``."""
+    members = _shipped_names().get(name)
+    if members is None:
+        return None
+    try:
+        with np.load(SHIPPED, allow_pickle=False) as archive:
+            return {member.partition("/")[2]: archive[member] for member in members}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+@cache
+def _shipped_names() -> dict[str, list[str]]:
+    try:
+        with np.load(SHIPPED, allow_pickle=False) as archive:
+            found: dict[str, list[str]] = {}
+            for member in archive.files:
+                found.setdefault(member.partition("/")[0], []).append(member)
+            return found
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return {}
 
 
 def _read(path: Path) -> Arrays | None:

@@ -129,6 +129,8 @@ def cover_bodies(shapes: Sequence[Shape], resolution: float) -> Cover:
     # Round shapes are covered with the polyhedron drawn around them, which sticks out a little by itself.
     spare = max([0.0, *(float(union_distance(shapes, hull.vertices).max()) for hull in hulls)])
     limit = max(resolution - spare, 0.5 * resolution)
+    if not hulls:
+        return Cover(centers, radii, np.maximum(radii + union_distance(shapes, centers), 0.0), 0.0)
     elements = _elements(hulls, own, ELEMENT_SHARE * limit)
     free = np.flatnonzero(~np.any(elements.farthest(centers, exact=True) <= radii, axis=1))
     if len(free):

@@ -11,20 +11,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from energyopt.errors import GeometryError
-from energyopt.geometry import bodies as bodies_module
-from energyopt.geometry import cover as cover_module
-from energyopt.geometry import hull as hull_module
-from energyopt.geometry import pieces as pieces_module
-from energyopt.geometry.bodies import Attached, Body, collision_bodies, mesh_files
-from energyopt.geometry.cache import Arrays, cached_arrays, digest
+from energyopt.geometry.bodies import Attached, Body, collision_bodies
+from energyopt.geometry.cache import VERSION, Arrays, cached_arrays, digest
 from energyopt.geometry.cover import Cover, cover_bodies, posed_points, union_distance
 from energyopt.geometry.kinematics import joint_placements, point_jacobians
 from energyopt.geometry.shapes import Shape
@@ -116,18 +111,17 @@ def robot_spheres(
     resolution, inflation = positive("resolution", resolution), non_negative("inflation", inflation)
     if resolution < FINEST:
         raise GeometryError(f"resolution is {resolution:g} m; expected at least {FINEST:g}: the count grows with its square")
-    key = digest(_sources(), robot.urdf, *_file_bytes(robot), repr(resolution), robot.tool_frame, *_described(robot, attached))
-    arrays = cached_arrays("spheres", key, lambda: _compute(robot, resolution, attached), _is_model)
-    links = [str(name) for name in arrays["link_names"]]
-    covers = [LinkCover(name, int(row[0]), *map(float, row[1:])) for name, row in zip(links, arrays["covers"], strict=True)]
-    names = [name for cover in covers for name in [cover.link] * cover.count]
+    _check_attached(robot, attached)
+    links = _covered_links(robot, resolution, attached)
+    parts = lambda key, empty: np.concatenate([getattr(link, key) for link in links]) if links else empty
+    counts = [len(link.radius) for link in links]
     model = SphereModel(
         robot.model,
-        tuple(names),
-        arrays["joint"],
-        arrays["center"],
-        arrays["radius"] + inflation,
-        tuple(c for c in covers if c.count),
+        tuple(link.report.link for link in links for _ in link.radius),
+        np.repeat(np.array([link.joint for link in links], dtype=np.int64), counts),
+        parts("center", np.empty((0, 3))),
+        parts("radius", np.empty(0)) + inflation,
+        tuple(link.report for link in links if link.report.count),
     )
     for array in (model.joint, model.center, model.radius):
         array.flags.writeable = False
@@ -147,39 +141,66 @@ def center_jacobians(spheres: SphereModel, q: ArrayLike) -> tuple[np.ndarray, np
     return points, point_jacobians(spheres.model, rotation, position, spheres.joint, points)
 
 
-def _compute(robot: RobotModel, resolution: float, attached: Sequence[Attached]) -> Arrays:
+@dataclass(frozen=True, eq=False)
+class _LinkBalls:
+    """The balls over one link: in its joint's frame, centre [m] (S, 3) and radius [m] (S,)."""
+
+    joint: int
+    center: np.ndarray
+    radius: np.ndarray
+    report: LinkCover
+
+
+def _covered_links(robot: RobotModel, resolution: float, attached: Sequence[Attached]) -> list[_LinkBalls]:
     groups: dict[str, list[Body]] = {}
     for body in collision_bodies(robot, attached):
         groups.setdefault(body.link, []).append(body)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         # The largest first, so that no thread ends with it alone.
         jobs = {link: pool.submit(_cover_link, bodies, resolution) for link, bodies in sorted(groups.items(), key=_size)}
-        found = [jobs[link].result() for link in groups]
-    rows = [
-        (len(c.radii), mean_excess(c, [b.shape for b in bodies]), c.excess.max(initial=0.0), c.protrusion)
-        for c, bodies in zip(found, groups.values(), strict=True)
-    ]
-    counts = [len(c.radii) for c in found]
-    return {
-        "link_names": np.array(list(groups), dtype=str) if groups else np.empty(0, dtype="<U1"),
-        "covers": np.array(rows, dtype=float).reshape(-1, 4),
-        "joint": np.repeat(np.array([bodies[0].joint for bodies in groups.values()], dtype=np.int64), counts),
-        "center": np.concatenate([c.centers for c in found]) if found else np.empty((0, 3)),
-        "radius": np.concatenate([c.radii for c in found]) if found else np.empty(0),
-    }
+        return [jobs[link].result() for link in groups]
 
 
 def _size(item: tuple[str, Sequence[Body]]) -> float:
     return -sum(body.shape.bounding_radius for body in item[1])
 
 
-def _cover_link(bodies: Sequence[Body], resolution: float) -> Cover:
-    shapes = [body.shape for body in bodies]
+def _cover_link(bodies: Sequence[Body], resolution: float) -> _LinkBalls:
+    """Cover one link in the frame of its first body: so a link has the same cover, and the same key in the cache, whatever
+    joint it is fixed to and whichever joints are locked."""
+    frame = bodies[0].shape.pose
+    shapes = [_posed(body.shape, np.linalg.inv(frame)) for body in bodies]
+    limit = _link_resolution(shapes, bodies[0].joint == 0, resolution)
+    key = digest(VERSION, repr(limit), *(part for shape in shapes for part in _outline(shape)))
+
+    def compute() -> Arrays:
+        cover = cover_bodies(shapes, limit)
+        quality = np.array([mean_excess(cover, shapes), cover.excess.max(initial=0.0), cover.protrusion])
+        return {"center": cover.centers, "radius": cover.radii, "quality": quality}
+
+    arrays = cached_arrays("cover", key, compute, _is_cover)
+    center = arrays["center"] @ frame[:3, :3].T + frame[:3, 3]
+    report = LinkCover(bodies[0].link, len(center), *map(float, arrays["quality"]))
+    return _LinkBalls(bodies[0].joint, center, arrays["radius"], report)
+
+
+def _posed(shape: Shape, frame: np.ndarray) -> Shape:
+    """The shape as seen from another frame, its pose rounded to 1e-10, so that rounding does not make it another one."""
+    pose = np.round(frame @ shape.pose, 10) + 0.0
+    return replace(shape, pose=pose)
+
+
+def _outline(shape: Shape) -> list[str | np.ndarray]:
+    """What a cover depends on, as parts of a hash; the corners of meshes in an order that does not depend on their file."""
+    points = np.round(shape.enclosing_points(), 9) + 0.0
+    return [shape.kind, np.round(shape.pose, 9) + 0.0, points[np.lexsort(points.T)]]
+
+
+def _link_resolution(shapes: Sequence[Shape], fixed: bool, resolution: float) -> float:
     points = np.concatenate([posed_points(shape) for shape in shapes])
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if bodies[0].joint == 0:
-        return cover_bodies(shapes, max(resolution, FIXED_SHARE * extent))
-    return cover_bodies(shapes, min(resolution, max(SMALL_SHARE * extent, SMALLEST)))
+    limit = max(resolution, FIXED_SHARE * extent) if fixed else min(resolution, max(SMALL_SHARE * extent, SMALLEST))
+    return round(limit, 6)
 
 
 def mean_excess(cover: Cover, shapes: Sequence[Shape]) -> float:
@@ -197,23 +218,12 @@ def mean_excess(cover: Cover, shapes: Sequence[Shape]) -> float:
     return float(np.average(np.maximum(union_distance(shapes, points[outer]), 0.0), weights=weight[outer]))
 
 
-def _sources() -> bytes:
-    """The text of the modules that decide the result, so that another version of them computes anew."""
-    modules = (bodies_module, cover_module, hull_module, pieces_module)
-    return b"".join(Path(file).read_bytes() for file in (__file__, *(m.__file__ for m in modules)))
-
-
-def _file_bytes(robot: RobotModel) -> list[bytes]:
-    return [part for name, path in mesh_files(robot).items() for part in (name.encode(), path.read_bytes())]
-
-
-def _described(robot: RobotModel, attached: Sequence[Attached]) -> list[str | np.ndarray]:
-    """What is attached, as parts of a hash.
+def _check_attached(robot: RobotModel, attached: Sequence[Attached]) -> None:
+    """Each is an `Attached` at a frame of the robot, under a name of its own.
 
     Raises:
-        GeometryError: something else than `Attached`, or a name that is taken.
+        GeometryError: something else, or a name that is taken; RobotError: no such frame.
     """
-    parts: list[str | np.ndarray] = []
     taken = set(robot.frame_names)
     for item in attached:
         if not isinstance(item, Attached):
@@ -222,16 +232,12 @@ def _described(robot: RobotModel, attached: Sequence[Attached]) -> list[str | np
             raise GeometryError(f"attached: the name '{item.name}' is taken; give each attached shape a name of its own")
         taken.add(item.name)
         robot.frame_id(item.frame or robot.tool_frame)
-        parts += [item.name, item.frame, item.shape.kind, np.array(item.shape.pose), np.array(item.shape.enclosing_points())]
-    return parts
 
 
-def _is_model(arrays: Arrays) -> bool:
+def _is_cover(arrays: Arrays) -> bool:
     try:
-        names, covers, joint, center, radius = (arrays[k] for k in ("link_names", "covers", "joint", "center", "radius"))
-        count = len(radius)
-        numbers_fit = covers.shape == (len(names), 4) and int(covers[:, 0].sum()) == count == len(joint) == len(center)
-        finite = all(np.isfinite(x).all() for x in (covers, center, radius))
-        return numbers_fit and finite and center.shape == (count, 3) and joint.dtype == np.int64 and bool(np.all(radius > 0))
+        center, radius, quality = (arrays[key] for key in ("center", "radius", "quality"))
+        finite = all(x.dtype == float and np.isfinite(x).all() for x in (center, radius, quality))
+        return finite and center.shape == (len(radius), 3) and quality.shape == (3,) and bool(np.all(radius > 0))
     except (KeyError, TypeError, IndexError, ValueError):
         return False
