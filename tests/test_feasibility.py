@@ -1,6 +1,8 @@
 """Impossible requests are found before anything is solved, and the message says which joint, how much, and what would help."""
 
+import pickle
 import re
+from dataclasses import replace
 
 import arms
 import numpy as np
@@ -123,3 +125,77 @@ def test_rounding_in_the_input_is_forgiven():
     check_feasibility(eo.Problem(robot, [-1.0 - 1e-9], [1.0 + 1e-9], 1.0))
     with pytest.raises(eo.InputError):
         check_feasibility(eo.Problem(robot, [-1.0 - 1e-5], [1.0], 1.0))
+
+
+def test_positions_that_make_sense_as_degrees_get_the_hint():
+    for station, request in (
+        ("start", {"start": [30.0, -45.0]}),
+        ("goal", {"goal": [0.0, 90.0]}),
+        ("waypoints[0]", {"waypoints": [[20.0, 10.0]]}),
+    ):
+        with pytest.raises(eo.InputError, match=r"looks like degrees, expected radians: numpy\.deg2rad") as caught:
+            check_feasibility(problem(**request))
+        assert str(caught.value).startswith(f"{station}: joint 'joint")
+    for no_degrees in ([6.5, 0.0], [9.0, 0.0], [400.0, 0.0]):  # too small for degrees; outside as degrees too
+        with pytest.raises(eo.InputError, match="widen position_limits"):
+            check_feasibility(problem(start=no_degrees))
+
+
+TASK = """[robot]
+name = "panda"
+[robot.limits]
+jerk = 5000
+[problem]
+start = "home"
+goal = [0.4, -0.4, 0.4, -2.0, 0.4, 2.0, 1.2]
+duration = 1.5
+[limits]
+acceleration = 10
+"""
+
+IN_FILES = {  # change of the file, line, words
+    "start": (('"home"', "[9, 0, 0, -2, 0, 2, 0]"), 6, "problem.start: joint 'panda_joint1' is 9 rad"),
+    "the remedy": (('"home"', "[9, 0, 0, -2, 0, 2, 0]"), 6, "move it inside or widen limits.position"),
+    "degrees": (('"home"', "[0, -45, 0, -135, 0, 90, 45]"), 6, 'looks like degrees, expected radians: angles = "deg"'),
+    "duration": (("1.5", "0.2"), 8, "problem.duration: joint 'panda_joint"),
+    "limits of the problem": (
+        ("duration = 1.5", "duration = 1.5\ngoal_acceleration = [11, 0, 0, 0, 0, 0, 0]"),
+        9,
+        "joint 'panda_joint1' has 11 rad/s², beyond its limit 10; lower it or raise limits.acceleration",
+    ),
+    "limits of the robot": (
+        ("duration = 1.5\n", "duration = 1.5\ngoal_acceleration = [-9, 0, 0, 0, 0, 0, 0]\nstart_acceleration = 9\n"),
+        4,
+        "robot.limits.jerk: joint 'panda_joint1' has to change its acceleration from 9",
+    ),
+    "a waypoint": (
+        (
+            "[limits]",
+            "[[waypoints]]\nposition = [0, 0, 0, -2, 0, 2, 0]\n[[waypoints]]\nposition = [0, 0, 0, 9, 0, 2, 0]\n[limits]",
+        ),
+        11,
+        "waypoints[1]: joint 'panda_joint4' is 9 rad",
+    ),
+    "reach": (("goal = [0.4, -0.4, 0.4, -2.0, 0.4, 2.0, 1.2]", "goal = {position = [500, 0, 400]}"), 7, "looks like millimetres"),
+}
+
+
+@pytest.mark.parametrize("case", IN_FILES)
+def test_a_problem_from_a_file_is_answered_in_the_words_of_the_file(case, tmp_path):
+    (old, new), line, words = IN_FILES[case]
+    path = tmp_path / "task.toml"
+    text = TASK.replace(old, new).replace("jerk = 5000", "jerk = 8" if case == "limits of the robot" else "jerk = 5000")
+    path.write_text(text)
+    with pytest.raises(eo.InputError) as caught:
+        eo.plan(eo.load_problem(path))
+    message = str(caught.value)
+    assert message.startswith(f"{path}:{line}: ") and words in message, message
+    assert "\n" not in message and "_limits" not in message
+
+
+def test_a_problem_from_a_file_can_be_pickled_and_changed_like_any_other(tmp_path):
+    path = tmp_path / "task.toml"
+    path.write_text(TASK)
+    loaded = pickle.loads(pickle.dumps(replace(eo.load_problem(path), duration=0.2)))
+    with pytest.raises(eo.InputError, match=r"task\.toml:\d+: problem\.duration"):
+        check_feasibility(loaded)
