@@ -101,6 +101,13 @@ def test_a_frame_bound_to_a_workspace_has_to_stay_inside():
         rrt_connect(free, np.zeros(2), np.array([0.0, 2.8]), np.random.default_rng(0))
 
 
+def test_a_bound_frame_is_watched_along_the_way():
+    """Both ends are on the free side, the straight way between them swings the tool through the wall."""
+    free = rods_among(bound=[("tool", HalfSpace((-1, 0, 0), -0.8))])
+    assert free.free([[-0.6, 0.0], [0.6, 0.0]]).all()
+    assert not free.free_way(np.array([-0.6, 0.0]), np.array([0.6, 0.0]))
+
+
 def test_between_samples_of_a_way_no_distance_changes_by_more_than_the_resolution():
     free = panda_among(*clutter()[:6])
     for a, b in zip(random_configurations(free, 4), random_configurations(free, 4, seed=1), strict=True):

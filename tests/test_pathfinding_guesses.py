@@ -17,7 +17,7 @@ from energyopt.geometry.exact import CollisionScene
 from energyopt.geometry.moving import Moving
 from energyopt.geometry.self_collision import self_collision_pairs
 from energyopt.geometry.shapes import Box, Capsule, Cylinder, Sphere
-from energyopt.pathfinding import Budget, FreeSpace, find_guess, guesses, rrt_connect, via_points
+from energyopt.pathfinding import Budget, FreeSpace, find_guess, find_path, guesses, rrt_connect, shortest_duration, via_points
 
 ROOT = Path(__file__).resolve().parents[1]
 MBM = Path(os.environ.get("ENERGYOPT_MBM") or ROOT.parent / "shared" / "mbm")
@@ -113,6 +113,22 @@ def test_paths_pass_the_waypoints():
         t = np.linspace(0, 2.0, 4001)
         near = 1e-3 if guess.name == "straight" else 0.2  # the corners of paths are rounded
         assert np.min(np.linalg.norm(guess.trajectory(t) - via, axis=1)) < near
+
+
+def test_a_weak_arm_is_led_where_it_can_stand_still():
+    """The straight way would stretch it out sideways, which its first joint cannot hold; folded or upright, it can."""
+    robot = arms.two_link()
+    free = FreeSpace.of(robot.with_limits(torque=np.array([13.0, 100.0])), self_pairs=())
+    ends = np.array([[0.2, 2.8], [0.2, -2.8]])
+    assert free.holding(ends).hold == 0.9 and free.load(np.array([[0.0, 0.0]])) > 1.1
+    found = find_path(free, ends, np.random.default_rng(0))
+    assert shortest_duration(found.path, free.robot) > 0
+    with pytest.raises(ProblemError, match="torque limit"):
+        shortest_duration(ends, free.robot)
+    strong = FreeSpace.of(robot, self_pairs=())
+    assert strong.holding(ends) is strong and len(find_path(strong, ends, np.random.default_rng(0)).path) == 2
+    with pytest.raises(ProblemError, match=r"start: standing still takes 1\d\d% of a torque limit"):
+        rrt_connect(free.holding(ends), np.zeros(2), ends[0], np.random.default_rng(0))
 
 
 def test_via_points_bend_the_quintic_inside_the_limits():

@@ -2,7 +2,7 @@
 
 from energyopt.pathfinding.curves import rounded
 from energyopt.pathfinding.free_space import FreeSpace
-from energyopt.pathfinding.guesses import Guess, find_guess, guesses, via_points
+from energyopt.pathfinding.guesses import Guess, find_guess, find_path, guesses, via_points
 from energyopt.pathfinding.rrt import Budget, PathSearch, require_free, rrt_connect
 from energyopt.pathfinding.shortening import Effort, length, resampled, shorten
 from energyopt.pathfinding.timing import TimeLaw, fastest, shortest_duration, timed, timed_smoothly
@@ -16,6 +16,7 @@ __all__ = [
     "TimeLaw",
     "fastest",
     "find_guess",
+    "find_path",
     "guesses",
     "length",
     "require_free",

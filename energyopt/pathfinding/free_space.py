@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 
 from energyopt.geometry.bodies import Attached
 from energyopt.geometry.exact import Closest, CollisionScene
-from energyopt.geometry.kinematics import configurations, joint_placements
+from energyopt.geometry.kinematics import configurations, joint_placements, travel_bounds
 from energyopt.geometry.robot_spheres import SphereModel, robot_spheres
-from energyopt.geometry.self_collision import self_collision_pairs
+from energyopt.geometry.self_collision import random_configurations, self_collision_pairs
 from energyopt.geometry.shapes import Shape
 from energyopt.geometry.values import non_negative, positive
 from energyopt.parameterizations.trajectory import Trajectory
@@ -37,6 +37,12 @@ RESOLUTION = 0.02
 """Between two samples of a straight way no distance changes by more than this [m]."""
 LIMIT_SLACK = 1e-6
 """Excess over a position limit [rad] that is taken for rounding."""
+HOLD = 0.9
+"""Share of its torque limits that an arm may need to stand still; the rest is for moving. More only if start or goal need it."""
+TURN = 0.1
+"""Where the arm has to be able to stand still, no joint moves by more than this between samples [rad or m]."""
+WEIGHED = 300
+"""Random configurations by which it is decided whether gravity is any trouble."""
 COARSE = 8
 """A straight way is tried at every eighth sample first: a way that is blocked is mostly blocked there too."""
 
@@ -57,6 +63,7 @@ class FreeSpace:
         margin: everything has to stay farther apart than this [m].
         resolution: of straight ways [m].
         clock: when obstacles are met; None takes all at t = 0.
+        hold: share of the torque limits within which the arm has to be able to stand still; None asks for nothing.
     """
 
     robot: RobotModel
@@ -67,6 +74,7 @@ class FreeSpace:
     margin: float = 0.0
     resolution: float = RESOLUTION
     clock: Clock | None = None
+    hold: float | None = None
 
     @classmethod
     def of(
@@ -125,6 +133,17 @@ class FreeSpace:
 
         return replace(self, clock=clock)
 
+    def holding(self, stops: np.ndarray) -> FreeSpace:
+        """The same, only where the arm can stand still, with some torque to spare; itself where gravity is no trouble.
+
+        Args:
+            stops: configurations that have to stay free [rad], shape (K, nv); where they cannot be held, nothing is asked.
+        """
+        need = self.load(stops).max()
+        if need >= 1 or self.load(random_configurations(self.robot, WEIGHED, 0)).max() <= HOLD:
+            return self
+        return replace(self, hold=max(HOLD, 0.5 * (1.0 + need)))
+
     def inside(self, q: np.ndarray) -> np.ndarray:
         """Whether configurations (N, nv) are numbers inside the position limits, shape (N,)."""
         return np.all((q >= self.limits.lower - LIMIT_SLACK) & (q <= self.limits.upper + LIMIT_SLACK), axis=1)
@@ -175,8 +194,10 @@ class FreeSpace:
         return self.scene.closest(q, t)[0] if self.scene.pairs else None
 
     def allowed(self, q: np.ndarray) -> np.ndarray:
-        """Whether configurations are inside the limits, and the bound frames where they have to be, shape (N,)."""
+        """Whether configurations are inside the limits, can be held, and have bound frames where they belong, shape (N,)."""
         result = self.inside(q)
+        if self.hold is not None:
+            result[result] = self.load(q[result]) <= self.hold
         if self.bound:
             rotation, position = joint_placements(self.robot.model, np.where(result[:, None], q, 0.0))
             for name, wall in self.bound:
@@ -197,6 +218,11 @@ class FreeSpace:
         near = self.overlaps.near(q, t, self.margin)
         return all(self._clear(q[n], t[n], near[n]) for n in np.flatnonzero(near.any(axis=1)))
 
+    def load(self, q: np.ndarray) -> np.ndarray:
+        """Largest share of a torque limit that it takes to stand still and to begin to move, shape (N,)."""
+        held = np.abs(self.robot.torque(q, *np.zeros((2, *q.shape)))) + self.robot.dynamics.coulomb_friction
+        return np.max(held / self.limits.torque, axis=1, initial=0.0)
+
     def times(self, q: np.ndarray) -> np.ndarray:
         """When obstacles are met at configurations (N, nv) [s], shape (N,)."""
         return np.zeros(len(q)) if self.clock is None else self.clock(q)
@@ -211,17 +237,15 @@ class FreeSpace:
 
     @cached_property
     def _rates(self) -> np.ndarray:
-        """The rate bounds of all pairs without repetitions; [m/rad], shape (R, nv)."""
-        return np.unique(self.scene.rate_bounds, axis=0)
+        """By how much a unit of each joint's motion may change any distance at most, without repetitions; shape (R, nv)."""
+        frames = [self.robot.model.frames[self.robot.frame_id(name)] for name, _ in self.bound]
+        joint = np.array([frame.parentJoint for frame in frames], dtype=int)
+        offset = np.array([frame.placement.translation for frame in frames]).reshape(-1, 3)
+        rates = [self.scene.rate_bounds, travel_bounds(self.robot.model, joint, offset, np.zeros(len(joint)))]
+        if self.hold is not None:
+            rates.append(np.eye(self.robot.nv) * self.resolution / TURN)
+        return np.unique(np.concatenate(rates), axis=0)
 
     @cached_property
     def _rows(self) -> list[list[int]]:
-        """For each column of the first stage, the numbers of the scene's pairs it stands for."""
-        links, bodies = self.overlaps.balls.links, self.scene.bodies
-        found: dict[tuple, list[int]] = {}
-        for row, (i, j) in enumerate(self.scene.index):
-            other = bodies[j].link if j < len(bodies) else int(j) - len(bodies)
-            found.setdefault((bodies[i].link, other), []).append(row)
-        count = len(links) * len(self.scene.obstacles)
-        names = [(links[a], b if k < count else links[b]) for k, (a, b) in enumerate(self.overlaps.columns)]
-        return [found.get(name, []) for name in names]
+        return self.overlaps.scene_pairs(self.scene)

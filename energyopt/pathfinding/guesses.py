@@ -12,8 +12,8 @@ guesses, as long as no time limit cuts a search short.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,11 +22,13 @@ from energyopt.errors import ProblemError
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.pathfinding.curves import rounded
 from energyopt.pathfinding.free_space import FreeSpace
-from energyopt.pathfinding.rrt import Budget, rrt_connect
-from energyopt.pathfinding.shortening import Effort, shorten
+from energyopt.pathfinding.rrt import Budget, PathSearch, rrt_connect
+from energyopt.pathfinding.shortening import shorten
 from energyopt.pathfinding.timing import timed, timed_smoothly
 from energyopt.problem import Problem
 
+Searcher = Callable[[FreeSpace, np.ndarray, np.ndarray, np.random.Generator, Budget | None], PathSearch]
+"""Looks for a path between two configurations."""
 SPREAD = 0.25
 """Standard deviation of a random via configuration, as a share of each joint's range (2π at most)."""
 DRAWN = 24
@@ -65,6 +67,7 @@ def guesses(
     bent: int = 2,
     searches: int = 4,
     budget: Budget | None = None,
+    search: Searcher = rrt_connect,
 ) -> Iterator[Guess]:
     """Guesses one after another; nothing is computed before it is asked for.
 
@@ -76,6 +79,7 @@ def guesses(
         bent: how many bent motions at most.
         searches: how many paths at most; a search that fails gives no guess.
         budget: of each search.
+        search: as of `find_path`.
 
     Raises:
         ProblemError: start or goal is not free; the message names the pair and the depth. Only when a path is looked for.
@@ -85,9 +89,10 @@ def guesses(
     yield Guess("straight", straight, free.free_motion(straight), time.monotonic() - began)
     yield from _bent(problem, free, straight(problem.duration), np.random.default_rng([seed, 1]), bent)
     for k in range(searches):
-        found = _searched(problem, free, straight(problem.duration), np.random.default_rng([seed, 2, k]), f"rrt {k + 1}", budget)
+        rng = np.random.default_rng([seed, 2, k])
+        found = _followed(problem, free, straight(problem.duration), rng, budget, search)
         if found is not None:
-            yield found
+            yield replace(found, name=f"rrt {k + 1}")
 
 
 def find_guess(
@@ -141,30 +146,66 @@ def _travel(trajectory: Trajectory) -> float:
     return float(np.linalg.norm(np.diff(trajectory(trajectory.sample_times(20)), axis=0), axis=1).sum())
 
 
-def _searched(
-    problem: Problem, free: FreeSpace, goal: np.ndarray, rng: np.random.Generator, name: str, budget: Budget | None
+def find_path(
+    free: FreeSpace,
+    stops: Sequence[np.ndarray],
+    rng: np.random.Generator,
+    budget: Budget | None = None,
+    search: Searcher = rrt_connect,
+) -> PathSearch:
+    """A short path through configurations, in their order.
+
+    It keeps a little more margin than asked, so that its corners can be rounded, where its stops have as much to spare; and
+    where gravity is near what the arm can hold, it goes where the arm can stand still.
+
+    Args:
+        free: the robot among obstacles.
+        stops: start, configurations to pass, goal [rad], each of shape (nv,).
+        rng: source of everything random.
+        budget: of the search from each stop to the next.
+        search: `rrt_connect`, or another of the same form, such as `ompl_search.ompl_rrt_connect`.
+
+    Raises:
+        ProblemError: a stop is not free; the message names the pair and the depth.
+    """
+    return _path(roomy(free, stops), stops, rng, budget, search)
+
+
+def _path(
+    space: FreeSpace, stops: Sequence[np.ndarray], rng: np.random.Generator, budget: Budget | None, search: Searcher
+) -> PathSearch:
+    began, legs, nodes = time.monotonic(), [], 0
+    for a, b in zip(stops[:-1], stops[1:], strict=True):
+        found = search(space, a, b, rng, budget)
+        nodes += found.nodes
+        if not found.found:
+            return PathSearch(None, found.reason, nodes, time.monotonic() - began)
+        legs.append(shorten(space, found.path, rng))
+    path = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+    return PathSearch(path, "", nodes, time.monotonic() - began)
+
+
+def roomy(free: FreeSpace, stops: Sequence[np.ndarray]) -> FreeSpace:
+    """The free space in which `find_path` looks: a little more margin, but less than what the stops have to spare."""
+    closest = [free.closest(q, t) for q, t in zip(stops, free.times(np.array(stops)), strict=True)]
+    least = min((c.distance for c in closest if c is not None), default=np.inf)
+    return free.with_margin(max(0.0, min(free.margin + EXTRA, END_SHARE * least))).holding(np.array(stops))
+
+
+def _followed(
+    problem: Problem, free: FreeSpace, goal: np.ndarray, rng: np.random.Generator, budget: Budget | None, search: Searcher
 ) -> Guess | None:
-    """A guess from a path through all waypoints, in their order."""
-    began, legs = time.monotonic(), []
+    """A guess from a path through all waypoints; its name is still to be given."""
+    began = time.monotonic()
     stops = [problem.start, *(w.position for w in problem.waypoints), goal]
     space = roomy(free.timed(problem.start, goal, problem.duration), stops)
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
-        found = rrt_connect(space, a, b, rng, budget)
-        if not found.found:
-            return None
-        legs.append(shorten(space, found.path, rng, Effort()))
-    path = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-    curve = rounded(path, space)
+    found = _path(space, stops, rng, budget, search)
+    if not found.found:
+        return None
+    curve = rounded(found.path, space)
     try:
         trajectory = timed(curve, problem.robot, problem.limits, problem.duration)
     except ProblemError:  # nothing limits the arm, or it cannot hold this path; the optimiser may still find another
         trajectory = timed_smoothly(curve, problem.duration)
     clear = free.with_margin(min(free.margin, space.margin)).free_motion(trajectory)
-    return Guess(name, trajectory, clear, time.monotonic() - began, path)
-
-
-def roomy(free: FreeSpace, stops: list[np.ndarray]) -> FreeSpace:
-    """The same free space with a little more margin, but less than what start, goal and waypoints have to spare."""
-    closest = [free.closest(q, t) for q, t in zip(stops, free.times(np.array(stops)), strict=True)]
-    least = min((c.distance for c in closest if c is not None), default=np.inf)
-    return free.with_margin(max(0.0, min(free.margin + EXTRA, END_SHARE * least)))
+    return Guess("rrt", trajectory, clear, time.monotonic() - began, found.path)

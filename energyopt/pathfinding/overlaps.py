@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from energyopt.geometry.exact import CollisionScene
 from energyopt.geometry.kinematics import joint_placements
 from energyopt.geometry.robot_spheres import SphereModel
 from energyopt.geometry.shapes import Shape
@@ -85,6 +86,16 @@ class Overlaps:
         if self._compiled is not None:
             return self._compiled.near(q, self._poses(t), margin)
         return np.concatenate([self._block(q[k : k + BLOCK], t[k : k + BLOCK], margin) for k in range(0, len(q), BLOCK)])
+
+    def scene_pairs(self, scene: CollisionScene) -> list[list[int]]:
+        """For each column, the numbers of the pairs of bodies of a scene with the same obstacles that it stands for."""
+        found: dict[tuple, list[int]] = {}
+        for row, (i, j) in enumerate(scene.index):
+            other = scene.bodies[j].link if j < len(scene.bodies) else int(j) - len(scene.bodies)
+            found.setdefault((scene.bodies[i].link, other), []).append(row)
+        links, count = self.balls.links, len(self.balls.links) * len(self._obstacles)
+        names = [(links[a], b if k < count else links[b]) for k, (a, b) in enumerate(self.columns)]
+        return [found.get(name, []) for name in names]
 
     def _poses(self, t: np.ndarray) -> np.ndarray:
         """Rotation and position of every obstacle, shape (1 or N, O, 12): one row for all where none moves."""

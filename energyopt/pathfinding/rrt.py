@@ -100,6 +100,8 @@ def require_free(free: FreeSpace, q: np.ndarray, where: str) -> None:
     if not free.inside(q[None])[0]:
         name = free.robot.joint_names[worst]
         raise ProblemError(f"{where}: joint '{name}' is at {q[worst]:.6g}, {outside[worst]:.3g} outside its position limits")
+    if free.hold is not None and (load := free.load(q[None])[0]) > free.hold:
+        raise ProblemError(f"{where}: standing still takes {load:.0%} of a torque limit, expected at most {free.hold:.0%}")
     if not free.allowed(q[None])[0]:
         raise ProblemError(f"{where}: a frame is outside the workspace it is bound to; choose another {where}")
     closest = free.closest(q, float(free.times(q[None])[0]))
