@@ -64,6 +64,8 @@ class Campaign:
     seed: int
     guess_s: float = 0.0
     tried: list[str] = field(default_factory=list)
+    searches: list[Search] = field(default_factory=list)
+    current: Search | None = None
 
     def run(self, starts: int | None) -> Search:
         """The best search, refined."""
@@ -72,13 +74,15 @@ class Campaign:
         self._avoidance = avoidance_of(self.problem)
         source = self._attempts(targets)
         self.guess_s = time.perf_counter() - began
-        wanted, searches = starts or len(targets), []
+        wanted, searches = starts or len(targets), self.searches
         for attempt in islice(source, wanted + FALLBACKS):
             if len(searches) >= wanted and any(map(self._holds, searches)):
                 break
             searches.append(self._searched(self._space(), attempt))
             if searches[-1].outcome in STOP:
                 break
+        if searches[-1].outcome is Outcome.INTERRUPTED:
+            return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
             searches += self._on_finer_knots(next(self._attempts(targets)))
         held = {id(s): self._holds(s) for s in searches}
@@ -88,6 +92,15 @@ class Campaign:
         if searches[-1].outcome is Outcome.INTERRUPTED:
             best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
         return self._refined(best)
+
+    def interrupted(self) -> Search | None:
+        """The best search so far, as it stands; None before the first. Nothing is checked: whoever interrupts wants an end."""
+        converged = [search for search in self.searches if search.converged]
+        best = min(converged, key=lambda search: search.objective, default=self.current)
+        if best is not None:
+            best.iterations = sum(search.iterations for search in self.searches) or best.iterations
+            best.outcome = Outcome.INTERRUPTED  # also where it had converged: the caller asked for more
+        return best
 
     def _targets(self) -> list[np.ndarray]:
         """Goal configurations to aim at.
@@ -132,6 +145,7 @@ class Campaign:
         search = Search(self.problem, space, self.kernels, attempt.motion, self.options, avoidance, name=attempt.name)
         search.banded = avoidance is not None and bool(avoidance.scene.obstacles)
         search.stiffness = int(search.banded)
+        self.current = search
         search.advance()
         self.tried.append(attempt.name)
         return search

@@ -15,8 +15,9 @@ from typing import NoReturn
 
 from energyopt import __version__
 from energyopt.errors import EnergyOptError, FileError
+from energyopt.stopping import INTERRUPTED
 
-VALID, INVALID, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+VALID, INVALID, BAD_INPUT, BROKEN_PIPE = 0, 1, 2, 141
 
 
 class _Parser(argparse.ArgumentParser):
@@ -92,20 +93,24 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--stiffness", type=float, metavar="KP", help="feedback on position [1/s²]")
     replay.add_argument("--damping", type=float, metavar="KD", help="feedback on velocity [1/s]")
     replay.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
-    replay.add_argument("--collisions", action="store_true", default=None, help="look for contacts")
+    replay.add_argument(
+        "--collisions", action=argparse.BooleanOptionalAction, help="insist on looking for contacts, or leave it out"
+    )
     replay.add_argument("--model", metavar="FILE", help="simulate another robot: a URDF, a name, or a problem file's")
     replay.set_defaults(command=_replay)
 
 
 def _plan(parsed: argparse.Namespace) -> int:
     from energyopt.io import load_task
+    from energyopt.plans import Status
     from energyopt.workflow import run
 
     overrides = {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
     problem, options = load_task(parsed.problem, overrides)
     verbose = sys.stderr.isatty() and not parsed.quiet
     outcome = run(problem, options, parsed.out, replay=not parsed.no_replay, figures=not parsed.no_figures, verbose=verbose)
-    return _finish(outcome, parsed.quiet)
+    code = _shown(outcome, parsed.quiet)
+    return INTERRUPTED if outcome.plan.status is Status.INTERRUPTED else code
 
 
 def _replay(parsed: argparse.Namespace) -> int:
@@ -120,17 +125,15 @@ def _replay(parsed: argparse.Namespace) -> int:
     options = {name: getattr(parsed, name) for name in names if getattr(parsed, name) is not None}
     if parsed.model is not None:
         options["plant"] = _model(parsed.model)
-    return _finish(judge_and_write(plan, parsed.out, figures=not parsed.no_figures, **options))
+    outcome = judge_and_write(plan, parsed.out, figures=not parsed.no_figures, **options)
+    return _shown(outcome)
 
 
-def _finish(outcome, quiet: bool = False) -> int:
-    from energyopt.plans import Status
+def _shown(outcome, quiet: bool = False) -> int:
     from energyopt.tables import outcome_table
 
     if not quiet:
         print(outcome_table(outcome))
-    if outcome.plan.status is Status.INTERRUPTED:
-        return INTERRUPTED
     return VALID if outcome.summary["valid"] else INVALID
 
 

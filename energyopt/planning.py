@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from energyopt.arguments import check_planning
 from energyopt.avoidance import unchecked
@@ -31,6 +31,8 @@ _STATUS = {
     Outcome.INTERRUPTED: Status.INTERRUPTED,
     Outcome.FAILED: Status.NUMERICAL_ERROR,
 }
+QUICK = {"per_span": 4, "distances": False}
+"""How a motion is checked after Ctrl-C: it is not claimed to be valid anyway."""
 _SENTENCE = {
     Status.SOLVED: "solved; every limit holds on the dense check",
     Status.INFEASIBLE: "no motion inside the limits was found: the solver ended where they contradict each other",
@@ -78,15 +80,23 @@ def plan(
     kernels = kernels_of(problem.robot.dynamics)
     loaded = time.perf_counter() - started
     deadline = None if time_limit is None else time.monotonic() + time_limit
+    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
+                "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
     with Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
         campaign = Campaign(problem, parameterization, kernels, options, seed)
-        search = campaign.run(starts)
+        try:
+            search = campaign.run(starts)
+        except KeyboardInterrupt:
+            search = campaign.interrupted()
+            if search is None:
+                raise
+        with interrupted.held():
+            result = _finish(campaign, search, loaded, settings)
+        if interrupted() and result.solved:
+            result = replace(result, status=Status.INTERRUPTED, message=_SENTENCE[Status.INTERRUPTED])
     if callable(options.progress) and verbose is True:
         sys.stderr.write("\n")
-    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
-                "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
-    result = _finish(campaign, search, loaded, settings)
     if throw and result.status not in (Status.SOLVED, Status.INTERRUPTED):
         raise NoSolutionFound(result)
     return result
@@ -94,7 +104,7 @@ def plan(
 
 def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
     began = time.perf_counter()
-    violations = verify(campaign.problem, search.trajectory)
+    violations = verify(campaign.problem, search.trajectory, **(QUICK if search.outcome is Outcome.INTERRUPTED else {}))
     terms = cost(campaign.problem, search.trajectory)
     verify_s = time.perf_counter() - began
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)

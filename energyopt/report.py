@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from energyopt.simulation.log import ReplayLog
     from energyopt.validation import BaselineComparison, ValidationReport
 
+MOST_TOUCHES = 12
+"""Contacts listed one by one."""
 REFERENCE = "quintic"
 """The baseline of the headline: the minimum-jerk motion of the same duration."""
 
@@ -166,6 +168,8 @@ def _unit(name: str) -> str:
 def _where(plan: Plan, name: str) -> str:
     if name in ("torque_percent", "torque_rate"):
         return "at dense samples"
+    if name == "clearance":
+        return "for all t"
     if name not in LIMIT_NAMES:
         return "at its times"
     return "for all t" if polynomial_pieces(plan.trajectory) is not None else "at dense samples and the extrema between"
@@ -191,7 +195,7 @@ def _baselines(plan: Plan, report: ValidationReport) -> str:
 
 
 def _baseline_row(name: str, other: BaselineComparison) -> list:
-    broken = [plain_name(entry) for entry in excessive(other.violations) if entry in LIMIT_NAMES]
+    broken = [plain_name(entry) for entry in excessive(other.violations) if entry in (*LIMIT_NAMES, "clearance")]
     holds = Cell("held", "good") if other.within_limits else Cell(f"broken: {', '.join(broken) or 'it jumps'}", "bad")
     savings = [Cell(percent(value), "n") for value in (other.saving_percent, other.energy_saving_percent)]
     energy, speed = Cell(f"{other.metrics.mechanical_abs_J:.4g}", "n"), Cell(f"{other.metrics.peak_speed:.3g}", "n")
@@ -206,22 +210,31 @@ def _replay(log: ReplayLog | None, report: ValidationReport) -> str:
     tracking = report.tracking
     if log is None or tracking is None:
         return section("Replay in MuJoCo", "", "There is no replay: nothing here has been simulated.")
-    contacts = "not looked for" if log.contacts is None else f"{log.contact_steps} steps with a contact"
+    settings = [f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in log.settings.items()]
     facts = {
         "Joint error": f"{tracking.joint_rms:.3g} rad RMS, {tracking.joint_max:.3g} rad largest",
         "Tool error": f"{1e3 * tracking.tool_rms:.3g} mm RMS, {1e3 * tracking.tool_max:.3g} mm largest",
         "Tool turned": f"{tracking.tool_turn_max:.3g} rad largest",
         "Energy gap": f"{report.energy_gap_percent:+.3g} % of Σ∫|τq̇|dt",
         "Motors at their limit": f"{log.saturated_steps} of {len(log.t)} steps",
-        "Contacts": contacts,
+        "Contacts": _contacts(log),
         "Physics step": f"{1e3 * log.physics_step:.3g} ms",
-        "Feedback": ", ".join(
-            f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in log.settings.items()
-        ),
+        "Settings": ", ".join(settings),
         "Time to simulate": f"{log.wall_s:.3g} s",
     }
-    text = "The planned torque as feed-forward, plus feedback scaled by the mass matrix, cut at the torque limits."
+    text = (
+        "The planned torque as feed-forward, corrected for where the arm is, plus feedback scaled by the mass matrix, "
+        "cut at the torque limits."
+    )
     return section("Replay in MuJoCo", definitions(facts), text)
+
+
+def _contacts(log: ReplayLog) -> str:
+    if log.contacts is None:
+        return "not looked for"
+    shown = "; ".join(str(touch) for touch in log.touches[:MOST_TOUCHES])
+    more = f"; and {len(log.touches) - MOST_TOUCHES} more" if len(log.touches) > MOST_TOUCHES else ""
+    return f"{shown}{more}" or "none"
 
 
 def _method(plan: Plan) -> str:
@@ -241,7 +254,8 @@ def _notes(plan: Plan, report: ValidationReport) -> str:
     notes = [*plan.notes]
     notes.append("The motion is a local optimum; another start (option starts) may lead to a lower one.")
     notes.append("Friction, armature and payload count only as far as the problem states them.")
-    notes.append("Obstacles and self-collision are not considered; a replay with collisions looks for contacts.")
+    if report.violations.distance is None:
+        notes.append("Nothing was asked to keep clear of, or no collision geometry was found: clearance is not judged.")
     if plan.status is not Status.SOLVED:
         notes.insert(0, f"This motion is not a solution: {plan.message}.")
     if any(not other.within_limits for other in report.baselines.values()):

@@ -26,6 +26,7 @@ def outcome_table(outcome: Outcome) -> str:
         ("mechanical energy", _energy(outcome)),
         (f"against {REFERENCE}", _saving(outcome)),
         *_margins(outcome),
+        *_clearance(outcome),
         ("replay in MuJoCo", _replay(outcome)),
         ("checks", _checks(outcome)),
         ("time", _times(outcome)),
@@ -105,12 +106,23 @@ def _margins(outcome: Outcome) -> list[tuple[str, str]]:
     return rows
 
 
+def _clearance(outcome: Outcome) -> list[tuple[str, str]]:
+    """The closest pair over the whole motion, where anything was to be kept apart."""
+    violations = outcome.report.violations
+    if violations.distance is None or not np.isfinite(violations.distance):
+        return []
+    pair, time = violations.worst.get("clearance", ("", 0.0))
+    return [("closest", f"{1000 * violations.distance:.1f} mm ({pair}, {time:.2f} s)")]
+
+
 def _replay(outcome: Outcome) -> str:
     tracking = outcome.report.tracking
     if tracking is None:
         return outcome.summary.get("replay_failure", "not done")
     joints = f"{tracking.joint_rms:.2g} rad RMS, {tracking.joint_max:.2g} rad largest"
-    return f"tracking error {joints}; tool {1000 * tracking.tool_max:.2g} mm largest"
+    touches = outcome.report.touches
+    contacts = "contacts not looked for" if touches is None else f"{len(touches)} contacts" if touches else "no contact"
+    return f"tracking error {joints}; tool {1000 * tracking.tool_max:.2g} mm largest; {contacts}"
 
 
 def _checks(outcome: Outcome) -> str:

@@ -3,7 +3,8 @@
 - the dense check of every limit and condition (`verification`);
 - MuJoCo's inverse dynamics along the motion against the planned torque;
 - ordinary motions of the same duration: saving = 1 − J / J_baseline, and the same for the joules;
-- where there is a replay: tracking of joints and tool, energy gap, limits met by the simulated motion.
+- where there is a replay: tracking of joints and tool, energy gap, limits met by the simulated motion, and contacts, where
+  they were looked for.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from energyopt.robots.model import RobotModel
 from energyopt.verification import cost, describe, excessive, is_valid, limits_hold, verify
 
 if TYPE_CHECKING:
+    from energyopt.simulation.contacts import Contact
     from energyopt.simulation.log import ReplayLog
 
 THRESHOLDS = {
@@ -60,7 +62,8 @@ class BaselineComparison:
     Attributes:
         objective: its J; cost_terms: by term. metrics: of the motion.
         saving_percent: 100 (1 − J_plan / J); energy_saving_percent: the same for Σ∫|τq̇|dt; None where it costs nothing.
-        within_limits: whether it holds every limit. valid: whether it meets every condition of the problem besides.
+        within_limits: whether it holds every limit and keeps clear of everything. valid: whether it meets every condition of
+            the problem besides.
         violations: of its own dense check.
     """
 
@@ -96,6 +99,7 @@ class ValidationReport:
         baselines: by name. tracking: None without a replay.
         energy_gap_percent: 100 (E_replay − E_plan) / E_plan for Σ∫|τq̇|dt; None without a replay.
         saturated_steps: replay steps with a motor at its torque limit; None without a replay.
+        touches: contacts in the replay; None where they were not looked for.
         checks: the verdicts.
     """
 
@@ -109,6 +113,7 @@ class ValidationReport:
     tracking: Tracking | None
     energy_gap_percent: float | None
     saturated_steps: int | None
+    touches: tuple[Contact, ...] | None
     checks: tuple[Check, ...]
 
     @property
@@ -168,8 +173,9 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
             "tool tracking, largest": tracking.tool_max,
             "energy gap, replay": abs(gap),
             "replay beyond limits": _replay_excess(problem, log),
-            "replay with contact": float(log.contact_steps),
         }
+        if log.contacts is not None:
+            values["replay with contact"] = float(log.contact_steps)
     return ValidationReport(
         objective=objective,
         cost_terms=terms,
@@ -181,13 +187,12 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
         tracking=tracking,
         energy_gap_percent=gap,
         saturated_steps=None if log is None else log.saturated_steps,
+        touches=None if log is None or log.contacts is None else log.touches,
         checks=tuple(Check(name, value, *THRESHOLDS[name]) for name, value in values.items()),
     )
 
 
-def compare_baselines(
-    problem: Problem, trajectory: Trajectory, objective: float, ours: Metrics
-) -> dict[str, BaselineComparison]:
+def compare_baselines(problem: Problem, trajectory: Trajectory, objective: float, ours: Metrics) -> dict[str, BaselineComparison]:
     """Every kind of `BASELINES` to the configuration the motion ends in, beside the motion's J and metrics."""
     compared = {}
     for kind in BASELINES:
@@ -199,7 +204,7 @@ def compare_baselines(
             metrics=theirs,
             saving_percent=_saving(objective, sum(terms.values())),
             energy_saving_percent=_saving(ours.mechanical_abs_J, theirs.mechanical_abs_J),
-            within_limits=limits_hold(violations),
+            within_limits=limits_hold(violations) and "clearance" not in excessive(violations),
             valid=is_valid(violations),
             violations=violations,
         )
@@ -236,6 +241,9 @@ def verdict(report: ValidationReport) -> str:
     first = failed[0]
     if first.name == "conditions broken":
         return f"NOT valid: {describe(report.violations)}"
+    if first.name == "replay with contact" and report.touches:
+        deepest = max(report.touches, key=lambda touch: touch.depth)
+        return f"NOT valid: the replay touches something: {deepest}"
     return f"NOT valid: {first.name} is {first.value:.3g} {first.unit}, expected at most {first.threshold:g}"
 
 

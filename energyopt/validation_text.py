@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from energyopt.plans import Violations
+    from energyopt.simulation.contacts import Contact
     from energyopt.validation import BaselineComparison, ValidationReport
 
 
@@ -42,7 +45,8 @@ def report_dict(report: ValidationReport) -> dict[str, Any]:
         },
         "metrics": ours.as_dict(),
         "smoothness": _smoothness(ours.as_dict()),
-        "max_violation": dict(report.violations.amount),
+        "max_violation": _violations(report.violations),
+        "clearance": _clearance(report.violations),
         "margin_percent": dict(report.violations.margin),
         "inverse_dynamics_error": report.inverse_dynamics_error,
         "baseline": {name: _baseline_dict(b) for name, b in report.baselines.items()},
@@ -64,6 +68,7 @@ def report_dict(report: ValidationReport) -> dict[str, Any]:
             "torque_squared": replayed.torque_squared,
             "saturated_steps": report.saturated_steps,
             "smoothness": _smoothness(replayed.as_dict()),
+            "contacts": None if report.touches is None else [_touch(touch) for touch in report.touches],
         }
     return result
 
@@ -71,7 +76,7 @@ def report_dict(report: ValidationReport) -> dict[str, Any]:
 def _baseline_line(name: str, b: BaselineComparison) -> str:
     from energyopt.verification import LIMIT_NAMES, excessive
 
-    broken = [n.removesuffix("_percent").replace("_", " ") for n in excessive(b.violations) if n in LIMIT_NAMES]
+    broken = [n.removesuffix("_percent").replace("_", " ") for n in excessive(b.violations) if n in (*LIMIT_NAMES, "clearance")]
     savings = " ".join(f"{'–' if s is None else f'{s:.2f} %':>10}" for s in (b.saving_percent, b.energy_saving_percent))
     holds = "hold" if b.within_limits else f"broken: {', '.join(broken) or 'it jumps'}"
     return f"{name:14} {b.objective:11.5g} {b.metrics.mechanical_abs_J:14.4g} {savings}  {holds}"
@@ -88,8 +93,28 @@ def _baseline_dict(b: BaselineComparison) -> dict[str, Any]:
         "energy_saving_percent": b.energy_saving_percent,
         "within_limits": b.within_limits,
         "valid": b.valid,
-        "max_violation": dict(b.violations.amount),
+        "max_violation": _violations(b.violations),
     }
+
+
+def _violations(violations: Violations) -> dict[str, float | None]:
+    """Excess by limit; ``clearance_m`` is None where nothing was looked at."""
+    amount = dict(violations.amount)
+    clearance = amount.pop("clearance", None)
+    return amount | {"clearance_m": clearance}
+
+
+def _clearance(violations: Violations) -> dict[str, Any] | None:
+    """The closest pair over the whole motion; None where nothing was looked at."""
+    if violations.distance is None:
+        return None
+    pair, time = violations.worst.get("clearance", ("", None))
+    return {"distance_m": violations.distance, "pair": pair, "time_s": time}
+
+
+def _touch(touch: Contact) -> dict[str, Any]:
+    keys = {"begin": "begin_s", "end": "end_s", "depth": "depth_m", "time": "time_s"}
+    return {keys.get(key, key): value for key, value in asdict(touch).items()}
 
 
 def _smoothness(numbers: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from energyopt.errors import FileError, SimulationError
 from energyopt.io import save_plan, write_atomic, write_csv, write_joint_trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
+from energyopt.stopping import whole_files
 from energyopt.versions import versions
 
 if TYPE_CHECKING:
@@ -79,8 +80,11 @@ def run(
     if out is not None:
         prepare_folder(out)
     plan = plan_motion(problem, verbose=verbose, throw=False, **options)
+    if out is not None:
+        _write_motion(plan, out)  # at once: whatever happens to what follows, the motion is kept
     figures = figures and plan.status is not Status.INTERRUPTED  # whoever interrupts wants an end
-    return judge_and_write(plan, out, replay=replay and plan.solved, figures=figures)
+    outcome = _judged(plan, replay and plan.solved, {})
+    return outcome if out is None else _with_files(outcome, out, figures)
 
 
 def _load() -> None:
@@ -95,6 +99,14 @@ def judge_and_write(plan: Plan, out: Path | None, *, replay: bool = True, figure
     Raises:
         FileError: a file cannot be written. InputError: a replay option makes no sense.
     """
+    outcome = _judged(plan, replay, replay_options)
+    if out is None:
+        return outcome
+    _write_motion(plan, out)
+    return _with_files(outcome, out, figures)
+
+
+def _judged(plan: Plan, replay: bool, replay_options: Mapping[str, Any]) -> Outcome:
     from energyopt.validation import validate
 
     log, failure = _replayed(plan, replay_options) if replay else (None, "")
@@ -102,15 +114,14 @@ def judge_and_write(plan: Plan, out: Path | None, *, replay: bool = True, figure
     summary = summarize(plan, log, report)
     if failure:
         summary |= {"replay_failure": failure, "valid": False}
-    files = () if out is None else _write(plan, log, report, summary, out, figures)
-    return Outcome(plan, log, report, summary, files)
+    return Outcome(plan, log, report, summary, ())
 
 
 def summarize(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> dict[str, Any]:
     """The content of summary.json: SI units, radians, every number finite, None where there is none."""
     robot = plan.problem.robot
     judged = report.as_dict()
-    violation = dict.fromkeys(("position", "velocity", "acceleration", "torque_percent", "clearance_m"), 0.0)
+    violation = dict.fromkeys(("position", "velocity", "acceleration", "torque_percent"), 0.0)
     summary = {
         "name": plan.problem.name,
         "status": plan.status.value,
@@ -178,31 +189,39 @@ def _replayed(plan: Plan, options: Mapping[str, Any]) -> tuple[ReplayLog | None,
         return None, str(error)
 
 
-def _write(
-    plan: Plan, log: ReplayLog | None, report: ValidationReport, summary: dict[str, Any], out: Path, figures: bool
-) -> tuple[Path, ...]:
-    """Write the files; those of an earlier run go first, so that what is there belongs together."""
-    prepare_folder(out)
-    for name in (*DATA_FILES, *FIGURE_FILES):
-        (out / name).unlink(missing_ok=True)
-    save_plan(plan, out / "plan.npz")
-    write_csv(plan, out / "trajectory.csv")
-    write_joint_trajectory(plan, out / "joint_trajectory.json")
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-    write_atomic(out / "summary.json", (text + "\n").encode())
+def _with_files(outcome: Outcome, out: Path, figures: bool) -> Outcome:
+    """Write what is said of the motion beside the motion."""
+    text = json.dumps(outcome.summary, indent=2, ensure_ascii=False, allow_nan=False)
+    with whole_files():
+        write_atomic(out / "summary.json", (text + "\n").encode())
     if figures:
-        _draw(plan, log, report, out)
-    return tuple(out / name for name in (*DATA_FILES, *FIGURE_FILES) if (out / name).exists())
+        _draw(outcome.plan, outcome.log, outcome.report, out)
+    names = (*DATA_FILES, *FIGURE_FILES)
+    return replace(outcome, files=tuple(out / name for name in names if (out / name).exists()))
+
+
+def _write_motion(plan: Plan, out: Path) -> None:
+    """Write the motion itself; the files of an earlier run go first, so that what is there belongs together."""
+    with whole_files():
+        prepare_folder(out)
+        for name in (*DATA_FILES, *FIGURE_FILES):
+            (out / name).unlink(missing_ok=True)
+        save_plan(plan, out / "plan.npz")
+        write_csv(plan, out / "trajectory.csv")
+        write_joint_trajectory(plan, out / "joint_trajectory.json")
 
 
 def _draw(plan: Plan, log: ReplayLog | None, report: ValidationReport, out: Path) -> None:
     import io
 
     from energyopt.plotting import plot_joints, plot_metrics
-    from energyopt.report import write_report
+    from energyopt.report import report_page
 
     for draw, name in ((plot_metrics, "metrics.png"), (plot_joints, "joints.png")):
         image = io.BytesIO()
         draw(plan, log).savefig(image, format="png", dpi=150)
-        write_atomic(out / name, image.getvalue())
-    write_report(plan, log, report, out / "report.html")
+        with whole_files():
+            write_atomic(out / name, image.getvalue())
+    page = report_page(plan, log, report).encode()
+    with whole_files():
+        write_atomic(out / "report.html", page)

@@ -115,7 +115,8 @@ STALL_VIOLATION = 1e-9
 class Monitor(ca.Callback):
     """IPOPT's view from outside, once an iteration: reports progress, and stops it on request or where it stalls.
 
-    An exception raised by ``progress`` ends the solve and is kept in ``error``.
+    An exception raised by ``progress`` ends the solve and is kept in ``error``; ``last`` is the last iterate, its objective and
+    its number, None before there is one.
     """
 
     def __init__(self, program, progress: Progress | None, time_limit: float | None, stop: Callable[[], bool] | None):
@@ -125,6 +126,7 @@ class Monitor(ca.Callback):
         self._objectives: list[float] = []
         self.interrupted = self.out_of_time = self.stalled = False
         self.error: BaseException | None = None
+        self.last: tuple[np.ndarray, float, int] | None = None
         n, m = program.size, program.rows
         self._sizes = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": 0}
         self.construct("monitor", {})
@@ -155,6 +157,7 @@ class Monitor(ca.Callback):
 
     def eval_buffer(self, arguments, results):
         self._objectives.append(float(np.frombuffer(arguments[1])[0]))
+        self.last = (np.array(np.frombuffer(arguments[0])), self._objectives[-1], len(self._objectives) - 1)
         try:
             self._report(arguments)
         except BaseException as error:  # CasADi would print and swallow it; `solve` raises it again once IPOPT has ended

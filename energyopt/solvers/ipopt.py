@@ -7,6 +7,7 @@ nonlinear programming", Mathematical Programming 106 (2006).
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -14,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from energyopt.solvers.callbacks import Monitor, ProgramFunctions, Progress
+from energyopt.solvers.interrupts import Interrupts, unless_stopped
 from energyopt.solvers.linear import linear_solvers
 
 
@@ -98,16 +100,28 @@ def solve(
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> SolverResult:
-    """Minimise a program from ``x0``; ``stop`` is asked after every iteration and ends the solve with the iterate kept.
+    """Minimise a program from ``x0``; ``stop`` ends the solve, with the iterate kept, within a tenth of a second.
 
-    What ``progress`` raises ends the solve, and is raised again.
+    ``progress`` is called in another thread, where ``stop`` is given; what it raises ends the solve, and is raised again.
     """
     equalities = int(np.sum(program.row_lower == program.row_upper))
     if equalities > program.size:
         reason = "Not_Enough_Degrees_Of_Freedom"
         return SolverResult(np.array(x0, float), np.zeros(program.rows), _OUTCOMES[reason], reason, np.inf, 0)
-    functions = ProgramFunctions(program)
     monitor = Monitor(program, progress, options.time_limit, stop)
+    with stop.held() if isinstance(stop, Interrupts) else nullcontext():
+        result = unless_stopped(lambda: _solve(program, x0, options, monitor), stop)
+    return result or _left(program, x0, monitor)
+
+
+def _left(program, x0: np.ndarray, monitor: Monitor) -> SolverResult:
+    """The last iterate of a solve that was left in the middle of an iteration, or the point it started from."""
+    x, objective, count = monitor.last or (np.array(x0, float), np.inf, 0)
+    return SolverResult(x, np.zeros(program.rows), Outcome.INTERRUPTED, "User_Requested_Stop", objective, count)
+
+
+def _solve(program, x0: np.ndarray, options: IpoptOptions, monitor: Monitor) -> SolverResult:
+    functions, equalities = ProgramFunctions(program), int(np.sum(program.row_lower == program.row_upper))
     for linear in linear_solvers(program.size, program.rows, equalities):
         settings = _casadi_options(program, functions, monitor, options, x0)
         settings["ipopt"] |= linear | {"max_iter": min(options.iterations, linear.get("max_iter", options.iterations))}

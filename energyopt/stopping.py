@@ -1,0 +1,79 @@
+"""Ctrl-C on the command line: the process ends within half a second with exit code 130, whatever it is doing.
+
+The first SIGINT raises KeyboardInterrupt in the main thread, as ever, or ends a solve with its motion kept (see
+`solvers.Interrupts`). But Python runs no handler while the main thread is inside a library call, and some calls last longer. So a
+second thread hears the signal as well, through the pipe of ``signal.set_wakeup_fd``, and ends the process where the main
+thread has not by then. Files are never cut: what writes them holds `whole_files`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+INTERRUPTED = 130
+PATIENCE = 0.4
+"""Seconds from the signal to the end for whoever has something left to save."""
+WRITING = 0.08
+"""Seconds more, at most, for a file that is being written."""
+
+_files = threading.Lock()
+
+
+@contextmanager
+def whole_files() -> Iterator[None]:
+    """Around the writing of files: the process does not end inside."""
+    with _files:
+        yield
+
+
+def run(command: Callable[[], int]) -> NoReturn:
+    """Run a command as the whole of this process, and leave with its exit code."""
+    ear = _Ear()
+    try:
+        code = command()
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except SystemExit as leave:
+        code = leave.code
+    ear.leave(code)
+
+
+class _Ear:
+    """Hears SIGINT from its making to the end of the process."""
+
+    def __init__(self):
+        self._heard = False
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        signal.signal(signal.SIGINT, self._raise)
+        signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, args=(reading,), daemon=True).start()
+
+    def _raise(self, *_) -> None:
+        """The handler in the main thread; a second signal is not needed."""
+        if not self._heard:
+            self._heard = True
+            raise KeyboardInterrupt
+
+    def _watch(self, reading: int) -> None:
+        while signal.SIGINT not in os.read(reading, 64):
+            pass
+        time.sleep(PATIENCE)
+        _files.acquire(timeout=WRITING)
+        os._exit(INTERRUPTED)
+
+    def leave(self, code: int | str | None) -> NoReturn:
+        """End the process: at once after Ctrl-C, since another thread may be inside a solve that nobody waits for."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if self._heard or code == INTERRUPTED:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            os._exit(INTERRUPTED)
+        sys.exit(code)
