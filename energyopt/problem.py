@@ -128,7 +128,7 @@ class Problem:
         if isinstance(self.goal, FramePose):
             self.robot.frame_id(self.goal.frame)
         else:
-            put("goal", values.vector("goal", self.goal, joints, scalar=False))
+            put("goal", values.vector("goal", self.goal, joints, scalar=False, also=", or an energyopt.FramePose"))
         put("duration", values.duration(self.duration))
         for key in ("start_velocity", "goal_velocity", "start_acceleration", "goal_acceleration"):
             put(key, values.vector(key, getattr(self, key), joints))

@@ -37,7 +37,7 @@ def real(key: str, value: Any, accepts: Callable[[float], bool], expected: str) 
     return float(value)
 
 
-def vector(key: str, value: ArrayLike, joints: Sequence[str] | int, scalar: bool = True) -> np.ndarray:
+def vector(key: str, value: ArrayLike, joints: Sequence[str] | int, scalar: bool = True, also: str = "") -> np.ndarray:
     """A finite float vector, one number a joint; one number fills it where ``scalar``. Read-only.
 
     Args:
@@ -45,9 +45,10 @@ def vector(key: str, value: ArrayLike, joints: Sequence[str] | int, scalar: bool
         value: what the user gave.
         joints: names of the joints, or how many numbers where they belong to no joints.
         scalar: whether one number may stand for all.
+        also: what else may stand there, for messages.
     """
     size = joints if isinstance(joints, int) else len(joints)
-    expected = f"{size} numbers" + ("" if isinstance(joints, int) else f", one for each of {_listed(joints)}")
+    expected = f"{size} numbers" + ("" if isinstance(joints, int) else f", one for each of {_listed(joints)}") + also
     array = numbers(key, value, f"one number or {expected}" if scalar else expected)
     if array.ndim == 0 and scalar:
         array = np.full(size, float(array))

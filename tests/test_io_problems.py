@@ -241,6 +241,12 @@ def test_the_line_of_the_offending_key_is_named(tmp_path):
         eo.load_problem(written(tmp_path, short))
 
 
+@pytest.mark.parametrize("given", [5, None, ["panda_reach"], b"panda_reach"])
+def test_what_is_no_path_is_refused(given):
+    with pytest.raises(FileError, match=r"load_problem: got .*; expected the path of a TOML file, or a catalogue name"):
+        eo.load_problem(given)
+
+
 def test_files_that_are_no_text_are_refused(tmp_path):
     cases = {"missing": tmp_path / "no.toml", "folder": tmp_path, "binary": tmp_path / "b.toml", "huge": tmp_path / "h.toml"}
     cases["binary"].write_bytes(b"\xff\xfe\x00x")

@@ -249,6 +249,9 @@ def test_a_name_without_suffix_gets_one_and_is_found_again(plan, tmp_path, monke
     (tmp_path / "swing").mkdir()
     for name in ("swing", "swing.npz", tmp_path / "swing", "other.plan"):
         assert eo.load_plan(name).objective == plan.objective
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(FileError, match="folder: is not a regular file"):
+        plan.save("folder")
     with pytest.raises(FileError, match="none: no such file"):
         eo.load_plan("none")
 

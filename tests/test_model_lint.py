@@ -189,6 +189,14 @@ ARGUMENTS = [
     ({"tool_frame": "claw"}, ["claw"]),
     ({"home": [0.0, 7.0, 0.0]}, ["home", "joint2", "7"]),
     ({"continuous_range": {"joint1": (-1, 1)}}, ["continuous_range", "joint1"]),
+    ({"velocity_limits": ["1", "2", "3"]}, ["velocity_limits is ['1', '2', '3']", "3 numbers"]),
+    ({"velocity_limits": [None, 1, 1]}, ["velocity_limits is [None, 1, 1]"]),
+    ({"position_limits": {"joint1": (0.0, "a")}}, ["position_limits (upper) of joint 'joint1' is 'a'; expected a number"]),
+    ({"armature": 1e300}, ["armature", "joint1", "0 to 1e+12"]),
+    ({"armature": True}, ["armature is True"]),
+    ({"gravity": "down"}, ["gravity is 'down'", "three numbers"]),
+    ({"gravity": (1e300, 0, 0)}, ["gravity", "none beyond 10000"]),
+    ({"coulomb_velocity": "slow"}, ["coulomb_velocity is 'slow'"]),
     ({"package_dirs": 5}, ["package_dirs", "5"]),
     ({"package_dirs": ["/no/such/folder"]}, ["package_dirs", "/no/such/folder"]),
 ]
@@ -208,6 +216,9 @@ def test_bad_argument_is_refused_by_name_and_value(options, expected, tmp_path):
         ((-1.0,), "mass is -1"),
         ((float("nan"),), "nan"),
         (("heavy",), "heavy"),
+        (("1",), "mass is '1'; expected one number"),
+        ((True,), "mass is True"),
+        ((1e300,), "mass is 1e.300; expected finite numbers, none beyond"),
         ((1.0, (0, 0)), "center"),
         ((1.0, (0, 0, 0), [1, 1, 3]), "inertia"),
         ((1.0, (0, 0, 0), np.triu(np.ones((3, 3)))), "symmetric"),
@@ -217,6 +228,24 @@ def test_bad_argument_is_refused_by_name_and_value(options, expected, tmp_path):
 def test_impossible_payload_is_refused(arguments, expected):
     with pytest.raises(RobotError, match=expected):
         eo.Payload(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (lambda arm: arm.torque([0.0], [0.0], [0.0]), r"q has the shape \(1,\); expected \(3,\) or \(N, 3\)"),
+        (lambda arm: arm.torque("a", 0, 0), "q is 'a'; expected 3 numbers"),
+        (lambda arm: arm.torque(np.zeros(3), np.zeros((2, 3)), np.zeros(3)), "expected one shape"),
+        (lambda arm: arm.placement("tool", [0, 0]), r"q has the shape \(2,\)"),
+        (lambda arm: arm.placement("tool", np.zeros((2, 3))), "expected one configuration"),
+        (lambda arm: arm.placement("tool", "home"), "q is 'home'"),
+    ],
+)
+def test_states_that_do_not_fit_the_arm_are_refused(call, expected, tmp_path):
+    """Pinocchio's own errors are four lines of C++ types."""
+    with pytest.raises(RobotError, match=expected) as caught:
+        call(eo.load_robot(factory.write(tmp_path, ARM)))
+    assert "\n" not in str(caught.value)
 
 
 # --- files ---------------------------------------------------------------------------------------------------------

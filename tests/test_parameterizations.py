@@ -272,6 +272,7 @@ def test_collocation_defects_vanish_exactly_for_motions_of_linear_acceleration()
         (lambda: BSpline(accuracy="x"), ["accuracy is 'x'", "between 0 and 1"]),
         (lambda: BSpline(accuracy=float("nan")), ["accuracy is nan"]),
         (lambda: BSpline(accuracy=True), ["accuracy is True"]),
+        (lambda: BSpline(knots=(0.0, 0.4, 0.8, 1.2, T), control_points=9), ["both knots and control_points"]),
         (lambda: BSpline(knots=5), ["knots is 5", "increasing times"]),
         (lambda: BSpline(knots=(0.0, 0.5, float("nan"), 1.5, T)), ["knots", "nan"]),
         (lambda: Sinusoid(harmonics=1.5), ["harmonics is 1.5", "whole number, 0 to 64"]),

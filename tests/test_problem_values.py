@@ -26,6 +26,7 @@ BAD_PROBLEMS = {
     "truth values": ({"start": [True, False]}, "start is [True, False]"),
     "a matrix as goal": ({"goal": np.eye(2)}, "goal: expected 2 numbers", "got an array of shape (2, 2)"),
     "three numbers": ({"goal": [0, 1, 2]}, "goal: expected 2 numbers", "got 3 numbers"),
+    "a frame as a pair": ({"goal": ("tool", [0.5, 0.0, 0.2])}, "goal is ('tool', [0.5, 0.0, 0.2])", "or an energyopt.FramePose"),
     "infinite goal": ({"goal": [0, np.inf]}, "goal[1] (joint 'joint2') is inf", "finite"),
     "no duration": ({"duration": None}, "duration is None", "seconds"),
     "text as duration": ({"duration": "1"}, "duration is '1'", "one number of seconds, 0.001 to 10000"),

@@ -6,6 +6,7 @@ import difflib
 from pathlib import Path
 
 from energyopt.errors import FileError
+from energyopt.robots.messages import shown
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -33,6 +34,10 @@ def find_problem(path_or_name: str | Path) -> Path:
     Raises:
         FileError: there is none; the message lists the nearest names.
     """
+    if not isinstance(path_or_name, (str, Path)):
+        raise FileError(
+            f"load_problem: got {shown(path_or_name)}; expected the path of a TOML file, or a catalogue name"
+        )
     given = str(path_or_name)
     path = Path(given).expanduser() if given.startswith("~/") else Path(given)
     try:

@@ -7,6 +7,7 @@ problem and the trajectory under ``robot.…``, ``problem.…`` and ``trajectory
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,8 @@ def save_plan(plan: Plan, path: str | Path) -> None:
     meta["problem"] = problem_arrays(problem, arrays)
     arrays |= {f"trajectory.{key}": np.asarray(value) for key, value in plan.trajectory.to_arrays().items()}
     text = {"meta": json.dumps(meta, default=_encode), "urdf": robot.urdf}
-    write_atomic(_with_suffix(path), npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
+    target = path if _is(Path.is_dir, path) else _with_suffix(path)
+    write_atomic(target, npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
 
 
 def load_plan(path: str | Path) -> Plan:
@@ -60,7 +62,7 @@ def load_plan(path: str | Path) -> Plan:
     Raises:
         FileError: missing, damaged, of another kind, or contradicting itself; one line says what.
     """
-    path = path if _is_file(path) or not _is_file(_with_suffix(path)) else _with_suffix(path)
+    path = path if _is(Path.is_file, path) or not _is(Path.is_file, _with_suffix(path)) else _with_suffix(path)
     arrays = read_npz(path)
     try:
         meta = _meta(arrays)
@@ -83,9 +85,10 @@ def _with_suffix(path: str | Path) -> str | Path:
     return Path(f"{path}.npz") if isinstance(path, (str, Path)) and Path(path).name and not Path(path).suffix else path
 
 
-def _is_file(path: str | Path) -> bool:
+def _is(kind: Callable[[Path], bool], path: str | Path) -> bool:
+    """Whether a path exists and is of a kind, such as `Path.is_file`; what is no path is none."""
     try:
-        return isinstance(path, (str, Path)) and Path(path).is_file()
+        return isinstance(path, (str, Path)) and kind(Path(path))
     except (OSError, ValueError):
         return False
 

@@ -49,6 +49,8 @@ class BSpline:
         if self.accuracy is not None:
             expected = "a relative error between 0 and 1, or None"
             put("accuracy", real("BSpline accuracy", self.accuracy, lambda x: 0 < x < 1, expected))
+        if self.knots is not None and self.control_points is not None:
+            raise ProblemError("BSpline has both knots and control_points: expected one of them")
         if self.knots is not None:
             put("knots", _breakpoints(self.knots))
 

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from energyopt.errors import RobotError
-from energyopt.robots.messages import did_you_mean, shown
+from energyopt.robots.messages import as_numbers, did_you_mean, shown
 from energyopt.robots.payload import Payload
 from energyopt.robots.preparation import CONTINUOUS_RANGE
-from energyopt.robots.urdf_xml import moving_joints, numbers
+from energyopt.robots.urdf_xml import LARGEST, moving_joints, numbers
 
 GRAVITY = (0.0, 0.0, -9.81)
+STRONGEST_GRAVITY = 1e4
+"""[m/s²]: a thousand times the Earth's."""
 
 
 def joint_values(
@@ -37,13 +39,13 @@ def joint_values(
         unknown = [n for n in value if n not in names]
         if unknown:
             raise RobotError(f"{where}: {key}: no moving joint named '{unknown[0]}'; {did_you_mean(str(unknown[0]), names)}")
+        for name, entry in value.items():
+            if getattr(as_numbers(entry), "shape", None) != ():
+                raise RobotError(f"{where}: {key} of joint '{name}' is {shown(entry)}; expected a number")
         value = [value.get(name, old) for name, old in zip(names, np.broadcast_to(default, len(names)), strict=True)]
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise RobotError(
-            f"{where}: {key} is {shown(value)}; expected a number, {len(names)} numbers, or a dict by joint"
-        ) from None
+    array = as_numbers(value)
+    if array is None:
+        raise RobotError(f"{where}: {key} is {shown(value)}; expected a number, {len(names)} numbers, or a dict by joint")
     if array.ndim == 0:
         array = np.full(len(names), float(array))
     if array.shape != (len(names),):
@@ -56,11 +58,11 @@ def joint_values(
 
 
 def non_negative(key: str, value: ArrayLike | Mapping[str, float], names: Sequence[str], where: str) -> np.ndarray:
-    """Like `joint_values`, and every number finite and ≥ 0; None means 0."""
+    """Like `joint_values`, and every number ≥ 0 and no larger than any robot's; None means 0."""
     array = joint_values(key, 0.0 if value is None else value, names, 0.0, where)
     for name, number in zip(names, array, strict=True):
-        if not 0 <= number < np.inf:
-            raise RobotError(f"{where}: {key} of joint '{name}' is {number:g}; expected a finite number ≥ 0")
+        if not 0 <= number <= LARGEST:
+            raise RobotError(f"{where}: {key} of joint '{name}' is {number:g}; expected a number from 0 to {LARGEST:g}")
     return array
 
 
@@ -120,24 +122,19 @@ def payloads(payload: Any, where: str) -> list[Payload]:
 
 def gravity_vector(value: ArrayLike | None, where: str) -> np.ndarray:
     """Gravity in the base frame [m/s²]; None means the Earth's, along −z."""
-    try:
-        array = np.array(GRAVITY if value is None else value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise RobotError(f"{where}: gravity is {shown(value)}; expected three finite numbers [m/s²], such as (0, 0, -9.81)")
+    array = as_numbers(GRAVITY if value is None else value)
+    if array is None or array.shape != (3,) or not np.all(np.abs(array) <= STRONGEST_GRAVITY):
+        expected = f"three numbers [m/s²], none beyond {STRONGEST_GRAVITY:g}, such as (0, 0, -9.81)"
+        raise RobotError(f"{where}: gravity is {shown(value)}; expected {expected}")
     return array
 
 
 def positive(key: str, value: Any, where: str) -> float:
     """A positive finite number."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not 0 < number < np.inf:
+    array = as_numbers(value)
+    if array is None or array.shape != () or not 0 < array <= LARGEST:
         raise RobotError(f"{where}: {key} is {shown(value)}; expected a positive number")
-    return number
+    return float(array)
 
 
 def stated_friction(root: ET.Element) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""Parts of error messages."""
+"""Parts of error messages, and what all arguments have in common."""
 
 from __future__ import annotations
 
@@ -6,10 +6,21 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 
 def shown(value: Any) -> str:
     """A value for a message: on one line, and not too long."""
     return " ".join(repr(value).split())[:100]
+
+
+def as_numbers(value: Any) -> np.ndarray | None:
+    """Any array of real numbers as floats; None for what holds texts, None, truth values, or is ragged."""
+    try:
+        array = np.array(value)
+    except (TypeError, ValueError):
+        return None
+    return array.astype(float) if array.dtype.kind in "iuf" else None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from energyopt.dynamics.body import Dynamics
 from energyopt.errors import RobotError
-from energyopt.robots.messages import shown
+from energyopt.robots.messages import as_numbers, shown
 
 if TYPE_CHECKING:
     import casadi
@@ -84,12 +85,19 @@ class RobotModel:
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Joint torques [N·m] by numeric Pinocchio; ``q``, ``v``, ``a`` and the result have shape (N, nv) or (nv,)."""
-        return self.dynamics.torque(q, v, a)
+        states = [self._state(name, value) for name, value in (("q", q), ("v", v), ("a", a))]
+        if len({state.shape for state in states}) > 1:
+            shapes = ", ".join(str(state.shape) for state in states)
+            raise RobotError(f"{self.name}: torque: q, v and a have the shapes {shapes}; expected one shape")
+        return self.dynamics.torque(*states)
 
     def placement(self, frame: str, q: np.ndarray) -> pin.SE3:
         """world_T_frame at the configuration ``q`` (nv,)."""
         data = self.model.createData()
-        pin.forwardKinematics(self.model, data, np.asarray(q, dtype=float))
+        q = self._state("q", q)
+        if q.ndim != 1:
+            raise RobotError(f"{self.name}: placement: q has the shape {q.shape}; expected one configuration, ({self.nv},)")
+        pin.forwardKinematics(self.model, data, q)
         return pin.updateFramePlacement(self.model, data, self.frame_id(frame))
 
     def frame_id(self, frame: str) -> int:
@@ -103,6 +111,15 @@ class RobotModel:
             raise RobotError(f"{self.name}: no frame named {shown(frame)}; {self._frame_hint(frame)}")
         return max(matches, key=lambda i: self.model.frames[i].type == pin.FrameType.BODY)
 
+    def _state(self, key: str, value: ArrayLike) -> np.ndarray:
+        """Numbers of shape (N, nv) or (nv,)."""
+        array = value if isinstance(value, np.ndarray) and value.dtype == float else as_numbers(value)
+        if array is None:
+            raise RobotError(f"{self.name}: {key} is {shown(value)}; expected {self.nv} numbers, or rows of them")
+        if array.ndim not in (1, 2) or array.shape[-1] != self.nv:
+            raise RobotError(f"{self.name}: {key} has the shape {array.shape}; expected ({self.nv},) or (N, {self.nv})")
+        return array
+
     def _frame_hint(self, frame: str) -> str:
         """Names like ``frame``; where there is none, the links nearest to the tool."""
         import difflib
@@ -112,7 +129,8 @@ class RobotModel:
         if near:
             return f"did you mean {' or '.join(near)}?"
         links = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY and f.name != self.tool_frame]
-        return f"the tool is '{self.tool_frame}', further links are {', '.join(links[::-1][:6])}"
+        tool = f"the tool is '{self.tool_frame}', further links" if self.tool_frame in names else "the last links"
+        return f"{tool} are {', '.join(links[::-1][:6])}"
 
     @cached_property
     def inverse_dynamics(self) -> casadi.Function:

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from energyopt.errors import RobotError
 from energyopt.robots.lint import inertia_fault
-from energyopt.robots.messages import shown
+from energyopt.robots.messages import as_numbers, shown
+from energyopt.robots.urdf_xml import LARGEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +48,13 @@ class Payload:
 
 def _numbers(key: str, value: ArrayLike, shapes: tuple[tuple[int, ...], ...]) -> np.ndarray:
     expected = " or ".join("one number" if not s else f"an array of shape {s}" for s in shapes)
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise RobotError(f"payload: {key} is {shown(value)}; expected {expected}") from None
+    array = as_numbers(value)
+    if array is None:
+        raise RobotError(f"payload: {key} is {shown(value)}; expected {expected}")
     if array.shape not in shapes:
         raise RobotError(f"payload: {key} has shape {array.shape}; expected {expected}")
-    if not np.isfinite(array).all():
-        raise RobotError(f"payload: {key} is {shown(array.tolist())}; expected finite numbers")
+    if not np.all(np.abs(array) <= LARGEST):
+        raise RobotError(f"payload: {key} is {shown(array.tolist())}; expected finite numbers, none beyond {LARGEST:g}")
     array.flags.writeable = False
     return array
 
