@@ -18,9 +18,9 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 INTERRUPTED = 130
-PATIENCE = 0.4
+PATIENCE = 0.33
 """Seconds from the signal to the end for whoever has something left to save."""
-WRITING = 0.08
+WRITING = 0.1
 """Seconds more, at most, for a file that is being written."""
 
 _files = threading.Lock()

@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 
 import energyopt as eo
+from energyopt.solvers.interrupts import Interrupts, unless_stopped
 
 LATEST = 0.5
-"""Seconds from the signal to the end, on a machine that has something else to do too."""
+"""Seconds from the signal to the end."""
+SLACK = 0.3
+"""What a machine with much else to do may take to end a process."""
 
 SCRIPT = """
 import json, sys, time
@@ -34,6 +37,7 @@ print(json.dumps([plan.status.value, plan.message, len(heard), plan.objective, m
 """
 METHODS = {
     "one long solve": "eo.HermiteSimpson(200)",
+    "long iterations": "eo.HermiteSimpson(400)",
     "thousands of starts": "eo.BSpline(control_points=12, accuracy=None), starts=100_000",
     "endless refinement": "eo.BSpline(degree=5, accuracy=1e-9), starts=50",
 }
@@ -48,7 +52,7 @@ def start(*command):
     return subprocess.Popen([sys.executable, *command], env=environment(), **pipes)
 
 
-@pytest.mark.parametrize("method, throw", [(method, throw) for throw, method in enumerate(METHODS)])
+@pytest.mark.parametrize("method, throw", [(method, throw % 2) for throw, method in enumerate(METHODS)])
 def test_a_solve_ends_soon_after_ctrl_c_and_keeps_its_motion(method, throw):
     """Whether or not the plan would throw: what the user has stopped is no failure."""
     process = start("-c", SCRIPT.replace("METHOD", METHODS[method]).replace("THROW", str(bool(throw))))
@@ -62,7 +66,7 @@ def test_a_solve_ends_soon_after_ctrl_c_and_keeps_its_motion(method, throw):
     assert process.returncode == 0 and not errors, errors
     status, message, heard, objective, moved = json.loads(line)
     assert status == "INTERRUPTED" and "interrupted" in message and heard > 0
-    assert np.isfinite(objective) and took < LATEST
+    assert np.isfinite(objective) and took < LATEST + SLACK
     np.testing.assert_allclose(moved, 0.4, atol=1e-6)
 
 
@@ -80,18 +84,120 @@ def test_a_plan_in_another_thread_works_without_signals():
     assert found and found[0].solved
 
 
-def test_the_command_line_ends_with_130_soon_after_ctrl_c(tmp_path):
-    problem = tmp_path / "long.toml"
-    problem.write_text(
-        '[robot]\nname = "panda"\n[problem]\nstart = "home"\ngoal = [0.4, -0.4, 0.4, -2.0, 0.4, 2.0, 1.2]\nduration = 1.5\n'
-        "[method]\ncontrol_points = 12\naccuracy = false\nstarts = 10000\n"
-    )
-    process = start("-m", "energyopt", "plan", str(problem), "--no-replay", "--quiet")
-    time.sleep(3.0)  # ten thousand starts last minutes; the imports a second or two
+def interrupt(process, wait):
+    """Send SIGINT after so many seconds; returns exit code, what was said on standard error, and seconds until the end."""
+    time.sleep(wait)
     assert process.poll() is None, process.stderr.read()
     began = time.monotonic()
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
-    took = time.monotonic() - began
-    assert process.returncode == 130 and "Traceback" not in errors
-    assert took < LATEST + 1.0, "half a second, and what it takes Python to leave"
+    return process.returncode, errors, time.monotonic() - began
+
+
+LONG = """
+[robot]
+name = "panda"
+[problem]
+start = "home"
+goal = [0.4, -0.4, 0.4, -2.0, 0.4, 2.0, 1.2]
+duration = 1.5
+[method]
+control_points = 12
+accuracy = false
+starts = 10000
+"""
+
+
+@pytest.mark.parametrize("wait", [0.7, 1.5, 3.0, 5.0])
+@pytest.mark.parametrize("cold", [False, True])
+def test_the_command_line_ends_with_130_soon_after_ctrl_c_at_every_stage(tmp_path, monkeypatch, wait, cold):
+    """During imports, while kernels are compiled (where the cache is empty), guesses made, and in the first of many solves."""
+    if cold:
+        monkeypatch.setenv("ENERGYOPT_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "long.toml").write_text(LONG)
+    out = tmp_path / "o"
+    process = start("-m", "energyopt", "plan", str(tmp_path / "long.toml"), "--no-replay", "--quiet", "--out", str(out))
+    code, errors, took = interrupt(process, wait)
+    assert code == 130 and "Traceback" not in errors
+    assert took < LATEST + SLACK
+    assert not list(out.glob("*.tmp")) if out.exists() else True
+    if (out / "plan.npz").exists():
+        assert eo.load_plan(out / "plan.npz").status is eo.Status.INTERRUPTED
+
+
+def test_what_was_found_is_saved_as_interrupted(tmp_path):
+    (tmp_path / "long.toml").write_text(LONG)
+    process = start("-m", "energyopt", "plan", str(tmp_path / "long.toml"), "--no-replay", "--out", str(tmp_path / "o"))
+    began = time.monotonic()
+    code, _, _ = interrupt(process, 10.0)
+    assert code == 130 and time.monotonic() - began > 10.0
+    plan = eo.load_plan(tmp_path / "o" / "plan.npz")
+    assert plan.status is eo.Status.INTERRUPTED and plan.violations.amount["boundary"] < 1e-6
+
+
+def test_a_library_call_that_lasts_does_not_keep_the_command_line_alive():
+    """Python runs no signal handler meanwhile; the second thread ends the process."""
+    script = "import hashlib; from energyopt import stopping as s; "
+    script += "s.run(lambda: print('in', flush=True) or hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9))"
+    process = start("-c", script)
+    assert process.stdout.readline() == "in\n"
+    code, errors, took = interrupt(process, 0.1)
+    assert code == 130 and not errors and took < LATEST + SLACK
+
+
+@pytest.mark.parametrize(
+    "command, code", [("3", 3), ("exit(2)", 2), ("None", 0), ("(_ for _ in ()).throw(KeyboardInterrupt)", 130)]
+)
+def test_without_a_signal_the_exit_code_is_the_commands_own(command, code):
+    process = start("-c", f"from energyopt import stopping; stopping.run(lambda: {command})")
+    process.communicate(timeout=30)
+    assert process.returncode == code
+
+
+def test_outside_a_solve_ctrl_c_raises_and_inside_it_is_remembered():
+    with Interrupts() as interrupted:
+        with interrupted.held():
+            signal.raise_signal(signal.SIGINT)
+        assert interrupted()
+        with pytest.raises(KeyboardInterrupt), interrupted.held():
+            signal.raise_signal(signal.SIGINT)  # the second one is meant
+    with pytest.raises(KeyboardInterrupt), Interrupts():
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_work_that_does_not_stop_is_left_and_other_work_is_waited_for():
+    assert unless_stopped(lambda: 5, lambda: False) == 5
+    assert unless_stopped(lambda: 5, None) == 5
+    with pytest.raises(ZeroDivisionError):
+        unless_stopped(lambda: 1 / 0, lambda: False)
+    released = threading.Event()
+    began = time.monotonic()
+    assert unless_stopped(lambda: released.wait(20), lambda: True) is None
+    assert time.monotonic() - began < LATEST
+    released.set()
+
+
+def test_ctrl_c_between_two_solves_keeps_the_best_of_those_before(monkeypatch):
+    """Here while the second guess is made: the first motion had converged."""
+    from energyopt import campaign
+
+    problem, searched = eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5), campaign.Campaign._searched
+
+    def searched_then_interrupted(self, *arguments):
+        if self.searches:
+            signal.raise_signal(signal.SIGINT)
+        return searched(self, *arguments)
+
+    whole = eo.plan(problem, eo.BSpline(accuracy=None))
+    monkeypatch.setattr(campaign.Campaign, "_searched", searched_then_interrupted)
+    plan = eo.plan(problem, eo.BSpline(accuracy=None), starts=5)
+    assert plan.status is eo.Status.INTERRUPTED and plan.objective == pytest.approx(whole.objective, rel=1e-9)
+
+
+def test_ctrl_c_before_there_is_any_motion_is_a_keyboard_interrupt(monkeypatch):
+    from energyopt import campaign
+
+    monkeypatch.setattr(campaign, "goals", lambda *_: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        eo.plan(eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

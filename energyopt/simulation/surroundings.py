@@ -56,11 +56,11 @@ def surroundings_of(problem: Problem, plant: RobotModel) -> Surroundings:
     Raises:
         GeometryError, RobotError: a collision mesh is damaged or missing.
     """
-    walls = [wall for item in getattr(problem, "workspace", ()) if not item.frames for wall in item.walls]
-    attached, obstacles = getattr(problem, "attached", ()), (*getattr(problem, "obstacles", ()), *walls)
+    walls = [wall for item in problem.workspace if not item.frames for wall in item.walls]
+    attached, obstacles = problem.attached, (*problem.obstacles, *walls)
     bodies = collision_bodies(plant, attached)
     names = (*(body.link for body in bodies), *obstacle_names(obstacles))
-    kept = self_collision_pairs(plant, attached).checked if getattr(problem, "self_collision", True) else ()
+    kept = self_collision_pairs(plant, attached).checked if problem.self_collision else ()
     apart = {frozenset(pair) for pair in kept}
     moving = [k for k, body in enumerate(bodies) if body.joint]
     pairs = [(k, len(bodies) + j) for k in moving for j in range(len(obstacles))]
