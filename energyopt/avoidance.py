@@ -106,17 +106,22 @@ def avoidance_of(problem: Problem) -> Avoidance | None:
     bound = [(frame, wall) for item in problem.workspace for frame in item.frames for wall in item.walls]
     if not (pairs or obstacles or whole or bound):
         return None
-    spheres = robot_spheres(problem.robot, attached=problem.attached)
-    arm = SphereArm.of(spheres, planned_pairs(problem)).with_points(_points(problem.robot, [frame for frame, _ in bound]))
+    own = _sphere_arm(problem.robot, problem.attached, planned_pairs(problem))
+    arm = own.with_points(_points(problem.robot, [frame for frame, _ in bound]))
     everything = (*obstacles, *whole, *(wall for _, wall in bound))
     watched = np.zeros((len(arm.links), len(everything)), bool)
     common = len(obstacles) + len(whole)
-    watched[: len(spheres.links), :common] = arm.moving_links[: len(spheres.links), None]
+    watched[: len(own.links), :common] = own.moving_links[:, None]
     for k, (frame, _) in enumerate(bound):
         watched[arm.links.index(_point_name(frame)), common + k] = True
     margin = problem.clearance + RESERVE
     scene = Scene.of(arm, everything, [0.0], margin, margin, watched, potential=problem.potential)
     return Avoidance(arm, pair_kernels(arm, everything), scene, margin)
+
+
+@lru_cache(maxsize=16)
+def _sphere_arm(robot: RobotModel, attached: tuple, pairs: tuple) -> SphereArm:
+    return SphereArm.of(robot_spheres(robot, attached=attached), pairs)
 
 
 def arm_obstacles(problem: Problem) -> tuple[Shape, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain, islice
 
 import numpy as np
@@ -25,7 +25,7 @@ from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
 from energyopt.problem import FramePose, Problem
 from energyopt.refinement import bisected
-from energyopt.search import Search, SearchOptions
+from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import Outcome
 from energyopt.verification import is_valid, verify
@@ -34,6 +34,8 @@ Parameterization = BSpline | Sinusoid | HermiteSimpson
 
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
+MOST_FINISHED = 3
+"""Searches that are refined, one after another, until one holds."""
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
 MOST_LEVELS = 12
@@ -64,6 +66,7 @@ class Campaign:
     seed: int
     guess_s: float = 0.0
     tried: list[str] = field(default_factory=list)
+    spent: Spent = field(default_factory=Spent)
     searches: list[Search] = field(default_factory=list)
     current: Search | None = None
 
@@ -76,7 +79,7 @@ class Campaign:
         self.guess_s = time.perf_counter() - began
         wanted, searches = starts or len(targets), self.searches
         for attempt in islice(source, wanted + FALLBACKS):
-            if len(searches) >= wanted and any(map(self._holds, searches)):
+            if len(searches) >= wanted and any(map(_promising, searches)):
                 break
             searches.append(self._searched(self._space(), attempt))
             if searches[-1].outcome in STOP:
@@ -85,13 +88,20 @@ class Campaign:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
             searches += self._on_finer_knots(next(self._attempts(targets)))
-        held = {id(s): self._holds(s) for s in searches}
-        best = min(searches, key=lambda s: (not held[id(s)], s.objective if held[id(s)] else self._excess(s)))
-        best.iterations = sum(s.iterations for s in searches)
-        best.solve_s = sum(s.solve_s for s in searches)
+        return self._best(searches)
+
+    def _best(self, searches: list[Search]) -> Search:
+        """The most promising search that, refined, holds; where none does, the least bad."""
+        ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
         if searches[-1].outcome is Outcome.INTERRUPTED:
-            best.outcome = Outcome.INTERRUPTED  # also where an earlier search had converged: the caller asked for more
-        return self._refined(best)
+            ranked[0].outcome = Outcome.INTERRUPTED  # also where it had converged: the caller asked for more
+            return ranked[0]
+        finished = []
+        for search in ranked[:MOST_FINISHED]:
+            finished.append(self._refined(search))
+            if self._holds(finished[-1]) or finished[-1].outcome in STOP:
+                return finished[-1]
+        return min(finished, key=self._excess)
 
     def interrupted(self) -> Search | None:
         """The best search so far, as it stands; None before the first. Nothing is checked: whoever interrupts wants an end."""
@@ -142,9 +152,8 @@ class Campaign:
 
     def _searched(self, space: MotionSpace, attempt: Attempt) -> Search:
         avoidance = self._relaxed(attempt)
-        search = Search(self.problem, space, self.kernels, attempt.motion, self.options, avoidance, name=attempt.name)
-        search.banded = avoidance is not None and bool(avoidance.scene.obstacles)
-        search.stiffness = int(search.banded)
+        search = Search(self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name, spent=self.spent)
+        search.stiffness = int(avoidance is not None and bool(avoidance.scene.obstacles))
         self.current = search
         search.advance()
         self.tried.append(attempt.name)
@@ -201,23 +210,28 @@ class Campaign:
         """Refine until the estimated error is below the accuracy asked; of all levels, the last that holds."""
         levels = [search]
         reason = self._levels(levels)
-        last = levels[-1]
-        held = next((level for level in reversed(levels) if self._holds(level)), last)
+        held = last = levels[-1]
+        for level in reversed(levels):
+            level.harden()
+            if level.outcome in STOP or self._holds(level):
+                held = level
+                break
+        if held is last and held.gain is None and held.levels > 1:
+            levels = [held]
+            reason = self._levels(levels)
+            last = levels[-1]
+            held = next((level for level in reversed(levels) if level.outcome in STOP or self._holds(level)), held)
         if held is not last:
             reason = "a limit or the clearance did not hold on finer knots"
         if reason and held.converged:
             held.reason = _stopped(held.error, reason)
-        held.iterations, held.solve_s = search.iterations, search.solve_s
         return held
 
     def _levels(self, levels: list[Search]) -> str:
-        """Append a copy of the search for every level it converged on; returns why it stopped early, or nothing.
-
-        The search itself, the first of ``levels``, goes on in place so that its counts include what was given up.
-        """
+        """Append a copy of the search for every level it converged on; returns why it stopped early, or nothing."""
         spline, search = self.parameterization, levels[0]
         accuracy = spline.accuracy if isinstance(spline, BSpline) else None
-        levels[:] = [replace(search)]
+        levels[:] = [search.copy()]
         while accuracy and search.converged and search.levels < MOST_LEVELS:
             if search.error is not None and search.error <= accuracy:
                 return ""
@@ -229,8 +243,13 @@ class Campaign:
             if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
                 kept.gain = search.gain
                 return "finer knots gave no better motion" if kept.error > accuracy else ""
-            levels.append(replace(search))
+            levels.append(search.copy())
         return ""
+
+
+def _promising(search: Search) -> bool:
+    """Whether a search converged to a motion that overlaps nowhere, or so little that rows will push it out."""
+    return search.converged and search.depth <= DEEP
 
 
 def _in_turn(sources: list[Iterator], targets: list[np.ndarray]) -> Iterator[tuple]:

@@ -52,7 +52,7 @@ def clearance_of(problem: Problem, trajectory: Trajectory) -> tuple[Finding, flo
         verdicts += _frame_verdicts(problem, trajectory)
     if not verdicts:
         return None
-    missing, distance, pair, time = max(verdicts, key=lambda v: (v[0], -v[1]))
+    missing, _, pair, time = max(verdicts, key=lambda v: (v[0], -v[1]))
     return Finding("clearance", missing, joint=pair, time=time), min(v[1] for v in verdicts)
 
 

@@ -1,14 +1,15 @@
 """One local search: solve, add rows where a limit is broken between samples, refine the spline, and solve again.
 
 A search advances by levels. A level ends with a motion that is optimal in its motion space and inside all limits between
-the samples too; the next level has finer knots and starts from that motion.
+the samples too; the next level has finer knots and starts from that motion. Where there is something to stay clear of, a
+penalty that begins a little before it has to keeps the motion away from it; at the end of the last level rows take its place.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from energyopt.problem import Problem
 from energyopt.refinement import MOST_SPANS, REMAINDER, bisected, refine, shortest_span, span_gains
 from energyopt.solvers import IpoptOptions, Outcome, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
-from energyopt.transcription.clearance import ClearanceTerms, close_pairs, needed_rows, penalty_samples, touching_pairs
+from energyopt.transcription.clearance import ClearanceTerms, close_pairs, overlap, penalty_samples, touching_pairs
 
 ROUNDS = 15
 """Times rows are added in one level before the search gives up."""
@@ -34,9 +35,13 @@ HINGE_BAND = 5e-3
 """Distance [m] beyond what is asked at which the hinge begins."""
 HINGE_DEPTH = 1e-2
 """Depth [m] at which a hinge of stiffness 1 costs, over the whole motion, as much as the guess does."""
-STIFFNESS = (1.0, 10.0, 100.0)
+STIFFNESS = (0.03, 0.3, 3.0, 30.0)
+HARD, HARD_BAND = 20.0, 1e-3
+"""How much stiffer the hinge is at the end, and the distance [m] at which it begins then."""
+CHANGED = 2e-3
+"""Relative change of J by clearing a motion from which its discretisation is judged anew."""
 DEEP = 5e-3
-"""Depth [m] of an overlap from which a stiffer hinge is tried before rows."""
+"""Depth [m] of an overlap from which a stiffer hinge is tried; rows deal with less."""
 LEAST_SHARE = 1e-3
 """Share of the guess's J below which the accuracy of J is no longer relative to J itself."""
 GOOD = (Outcome.CONVERGED, Outcome.ACCEPTABLE)
@@ -60,6 +65,15 @@ class SearchOptions:
 
 
 @dataclass
+class Spent:
+    """What all searches of one plan have spent: iterations of the solver, seconds to build programs and to solve them."""
+
+    iterations: int = 0
+    build_s: float = 0.0
+    solve_s: float = 0.0
+
+
+@dataclass
 class Search:
     """The state of one search; `advance` takes it one level further.
 
@@ -68,10 +82,10 @@ class Search:
         avoidance: what is to be kept apart; name: of the guess.
         outcome: of the last solve; reason: the solver's word.
         objective: J of the last level by the program's own quadrature; first_objective: that of the guess.
-        stiffness: of the hinge that keeps pairs apart which have no row yet, as a place in STIFFNESS from 1; 0 for none;
-            banded: whether it begins before it has to, which moves the optimum.
+        stiffness: of the penalty that keeps pairs apart, as a place in STIFFNESS from 1; 0 for none.
+        depth: overlap of spheres, beyond what is allowed, that it left [m]; hard: whether rows have taken its place.
         gain: by how much the last refinement lowered J.
-        iterations: of all solves; build_s, solve_s: seconds spent.
+        spent: shared with other searches of the same plan, and with copies.
     """
 
     problem: Problem
@@ -88,12 +102,11 @@ class Search:
     first_objective: float | None = None
     gain: float | None = None
     stiffness: int = 0
-    banded: bool = False
-    iterations: int = 0
+    depth: float = 0.0
+    hard: bool = False
+    spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
-    build_s: float = 0.0
-    solve_s: float = 0.0
     evaluations: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -110,15 +123,19 @@ class Search:
             return None
         return REMAINDER * abs(self.gain) / max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
+    def copy(self) -> Search:
+        """The search as it is now; what is done to one is not done to the other."""
+        return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
+
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
-        started, built = time.perf_counter(), self.build_s
+        started, built = time.perf_counter(), self.spent.build_s
         previous = self.objective if self.levels else None
         self._solve_level()
         if self.converged:
             self.gain = None if previous is None else previous - self.objective
             self.levels += 1
-        self.solve_s += time.perf_counter() - started - (self.build_s - built)
+        self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
         return self.converged
 
     def refine(self, parameterization: BSpline) -> bool:
@@ -129,21 +146,44 @@ class Search:
         fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
         gains = span_gains(self.space, fine, fine.guess(self.trajectory))
         self.space = refine(self.space, gains, shortest_span(self.problem))
-        self.solve_s += time.perf_counter() - started
+        self.spent.solve_s += time.perf_counter() - started
         return True
+
+    def harden(self) -> bool:
+        """Clear the motion of all overlaps, on the same knots; as `advance`, and from then on at every level.
+
+        The penalty becomes so stiff, and begins so late, that it moves the optimum by little; rows keep what it leaves. Does
+        nothing where the motion keeps clear and no penalty was needed.
+        """
+        if self.avoidance is None or not self.converged or self.hard:
+            return self.converged
+        started, free = time.perf_counter(), self.objective
+        if self._stiffen():
+            self._solve_rounds(WARM_BARRIER)
+        self.hard = True
+        if self.converged and (self._add_clearance() or (self.stiffness and self._near())):
+            self._solve_rounds(WARM_BARRIER)
+        if abs(self.objective - free) > CHANGED * abs(free):
+            self.gain = None  # what was measured holds for another motion
+        self.spent.solve_s += time.perf_counter() - started
+        return self.converged
+
+    def _near(self) -> bool:
+        """Whether the penalty is felt at all."""
+        return overlap(self.avoidance, self.trajectory, HINGE_BAND) > 0.0
 
     def _solve_level(self) -> None:
         if self.first_objective is None:
             self.first_objective = self._guessed_objective()
-        barrier = WARM_BARRIER if self.levels else IpoptOptions.barrier
-        if self.levels and self.avoidance:  # near an optimum, rows are enough, and those far from being needed only cost
-            self.stiffness = 0
-            self.cuts.clearance = needed_rows(self.avoidance, self.trajectory, self.cuts.clearance)
-        for self.rounds in range(1, (CLEARANCE_ROUNDS if self.avoidance else ROUNDS) + 1):
+        self._solve_rounds(WARM_BARRIER if self.levels else IpoptOptions.barrier)
+
+    def _solve_rounds(self, barrier: float) -> None:
+        """Solve, and again with more rows, until a check finds nothing to add."""
+        for self.rounds in range(1, (CLEARANCE_ROUNDS if self.hard else ROUNDS) + 1):
             program = self._transcribe()
             x0 = program.guess(self.trajectory)
             result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
-            self.iterations += result.iterations
+            self.spent.iterations += result.iterations
             self.outcome, self.reason = result.outcome, result.reason
             for name, count in result.evaluations.items():
                 self.evaluations[name] = self.evaluations.get(name, 0) + count
@@ -157,31 +197,37 @@ class Search:
     def _add_rows(self) -> bool:
         """Add rows where the motion breaks a limit or comes too close; False where it does not."""
         added = self.cuts.add_violated(self.problem, self.trajectory, self.kernels, self.space.everywhere)
-        return self._add_clearance() or added if self.avoidance else added
+        if self.avoidance is None or (not self.hard and not self.stiffness):
+            return added
+        return (self._add_clearance() if self.hard else self._stiffen()) or added
+
+    def _stiffen(self) -> bool:
+        """A stiffer hinge where the motion overlaps deeply."""
+        self.depth = overlap(self.avoidance, self.trajectory)
+        if self.depth <= DEEP or self.stiffness == len(STIFFNESS):
+            return False
+        self.stiffness += 1
+        return True
 
     def _add_clearance(self) -> bool:
-        """The hinge pushes a motion out of deep overlaps, harder each time; rows then keep it from what is left."""
-        close = close_pairs(self.avoidance, self.trajectory, HINGE_BAND if self.banded else 0.0)
-        if close.depth > DEEP and self.stiffness < len(STIFFNESS) and not self.levels:
-            self.stiffness, self.banded = self.stiffness + 1, True
-            return True
-        self.banded = False
-        if not close.rows and self.avoidance.eased:
+        """Rows for pairs that are too close, or that the hinge may have kept from it."""
+        close = close_pairs(self.avoidance, self.trajectory)
+        if not close and self.avoidance.eased:
             close = touching_pairs(self.avoidance, self.problem, self.trajectory)
-        new = {key: bound for key, bound in close.rows.items() if bound > self.cuts.clearance.get(key, -np.inf)}
+        new = {key: bound for key, bound in close.items() if bound > self.cuts.clearance.get(key, -np.inf)}
         self.cuts.clearance.update(new)
         return bool(new)
 
     def _clearance_terms(self, space: MotionSpace, unknowns: Unknowns, cuts: Cuts) -> ClearanceTerms | None:
-        """Rows found so far; a potential where the problem has one; a hinge that keeps the next motion from other pairs."""
+        """The hinge or the rows, and a potential where the problem has one."""
         if self.avoidance is None:
             return None
         samples, hinge = (np.zeros(0), np.zeros(0)), Hinge()
         if self.stiffness or self.avoidance.scene.potential is not None:
             samples = penalty_samples(self.avoidance, self.trajectory)
         if self.stiffness:
-            scale = abs(self.first_objective) / self.problem.duration
-            hinge = Hinge(2.0 * scale * STIFFNESS[self.stiffness - 1] / HINGE_DEPTH**2, HINGE_BAND if self.banded else 0.0)
+            stiffness = 2.0 * abs(self.first_objective) / self.problem.duration / HINGE_DEPTH**2 * STIFFNESS[self.stiffness - 1]
+            hinge = Hinge(stiffness * HARD / STIFFNESS[self.stiffness - 1], HARD_BAND) if self.hard else Hinge(stiffness, HINGE_BAND)
         if not (cuts.clearance or len(samples[0])):
             return None
         return ClearanceTerms(self.avoidance, space, unknowns, cuts.clearance, hinge, samples)
@@ -196,7 +242,7 @@ class Search:
         started = time.perf_counter()
         program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms)
         if not self.levels and self.rounds == 1:
-            self.build_s += time.perf_counter() - started
+            self.spent.build_s += time.perf_counter() - started
         return program
 
     def _solver_options(self, barrier: float) -> IpoptOptions:
@@ -207,5 +253,5 @@ class Search:
         progress = self.options.progress
         if progress is None:
             return None
-        first, phase = self.iterations, f"{self.levels + 1}.{self.rounds}"
+        first, phase = self.spent.iterations, f"{self.levels + 1}.{self.rounds}"
         return lambda iteration, objective, violation: progress(phase, first + iteration, objective, violation)

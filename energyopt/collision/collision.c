@@ -389,6 +389,115 @@ static void act(const Arm *arm, const Placed *at, long k, long a, long b, const 
     add_relative(arm, at, k, a, -1 - b, G, hessian);
 }
 
+/* What acts on a rigid link, collected over its spheres: force F, moment matrix T = sum f c', and the stiffness against a twist
+(velocity of the point at the origin, turning rate), since a point c of the link moves by v + w x c. */
+typedef struct {
+    double F[3], T[9], K[36];
+} Load;
+
+/* K += X_a' G X_b with X = [I, -[c]x], the motion of a point in terms of the twist of its link. */
+static void add_stiffness(const double *a, const double *b, const double *G, double sign, double *K) {
+    double GX[3][6];
+    for (int i = 0; i < 3; i++) {
+        const double *g = G + 3 * i;
+        for (int j = 0; j < 3; j++) GX[i][j] = sign * g[j];
+        GX[i][3] = sign * (g[2] * b[1] - g[1] * b[2]); /* -g [b]x */
+        GX[i][4] = sign * (g[0] * b[2] - g[2] * b[0]);
+        GX[i][5] = sign * (g[1] * b[0] - g[0] * b[1]);
+    }
+    for (int j = 0; j < 6; j++) {
+        double x = GX[0][j], y = GX[1][j], z = GX[2][j];
+        K[j] += x, K[6 + j] += y, K[12 + j] += z;
+        K[18 + j] += a[1] * z - a[2] * y; /* [a]x GX */
+        K[24 + j] += a[2] * x - a[0] * z;
+        K[30 + j] += a[0] * y - a[1] * x;
+    }
+}
+
+static void add_force(const double *c, const double *f, Load *load) {
+    for (int i = 0; i < 3; i++) {
+        load->F[i] += f[i];
+        for (int j = 0; j < 3; j++) load->T[3 * i + j] += f[i] * c[j];
+    }
+}
+
+/* Twists of the joints a link moves with, (w, v at the origin) as (v, w); returns their number. */
+static int twists_of(const Arm *arm, const Placed *at, long k, long joint, long *chain, double (*S)[6]) {
+    int count = 0;
+    for (long j = joint; j > 0; j = arm->parent[j], count++) {
+        const double *z = at->axis + 3 * (k * arm->joints + j), *p = at->origin + 3 * (k * arm->joints + j);
+        chain[count] = j;
+        if (arm->kind[j] == 2) {
+            memcpy(S[count], z, 3 * sizeof *z);
+            memset(S[count] + 3, 0, 3 * sizeof *z);
+        } else {
+            cross(p, z, S[count]);
+            memcpy(S[count] + 3, z, 3 * sizeof *z);
+        }
+    }
+    return count;
+}
+
+/* The load on a link put into the derivatives in q. */
+static void settle(const Arm *arm, const Placed *at, long k, long joint, const Load *load, double *g, double *H) {
+    long chain[MOST_JOINTS], nv = arm->nv;
+    double S[MOST_JOINTS][6], KS[6], bend[3];
+    int count = twists_of(arm, at, k, joint, chain, S);
+    double trace = load->T[0] + load->T[4] + load->T[8];
+    double moment[3] = {load->T[7] - load->T[5], load->T[2] - load->T[6], load->T[3] - load->T[1]}; /* sum c x f */
+    for (int b = 0; b < count; b++) {
+        const double *v = S[b], *w = S[b] + 3;
+        long column = arm->column[chain[b]];
+        g[column] += dot(load->F, v) + dot(moment, w);
+        for (int i = 0; i < 6; i++) {
+            KS[i] = 0;
+            for (int j = 0; j < 6; j++) KS[i] += load->K[6 * i + j] * S[b][j];
+        }
+        for (int a = b; a < count; a++) { /* chain[a] is at or before chain[b] */
+            long row = arm->column[chain[a]];
+            double value = 0;
+            for (int i = 0; i < 6; i++) value += S[a][i] * KS[i];
+            if (arm->kind[chain[a]] == 1) { /* f . z x (v + w x c) = f . (z x v) + (w . f)(z . c) - (z . w)(f . c) */
+                const double *z = S[a] + 3;
+                double Tz[3];
+                cross(z, v, bend);
+                turned(load->T, z, Tz);
+                value += dot(load->F, bend) + dot(w, Tz) - dot(z, w) * trace;
+            }
+            H[row * nv + column] += value;
+            if (a != b) H[column * nv + row] += value;
+        }
+    }
+}
+
+/* The stiffness between two links, S_a' K S_b and its transpose. */
+static void settle_between(const Arm *arm, const Placed *at, long k, long first, long second, const double *K, double *H) {
+    long chain_a[MOST_JOINTS], chain_b[MOST_JOINTS], nv = arm->nv;
+    double A[MOST_JOINTS][6], B[MOST_JOINTS][6], KB[6];
+    int count_a = twists_of(arm, at, k, first, chain_a, A), count_b = twists_of(arm, at, k, second, chain_b, B);
+    for (int b = 0; b < count_b; b++) {
+        for (int i = 0; i < 6; i++) {
+            KB[i] = 0;
+            for (int j = 0; j < 6; j++) KB[i] += K[6 * i + j] * B[b][j];
+        }
+        long column = arm->column[chain_b[b]];
+        for (int a = 0; a < count_a; a++) {
+            double value = 0;
+            long row = arm->column[chain_a[a]];
+            for (int i = 0; i < 6; i++) value += A[a][i] * KB[i];
+            H[row * nv + column] += value;
+            H[column * nv + row] += value;
+        }
+    }
+}
+
+static void stiffness_of(const Distance *x, double first, double second, double *f, double *G) {
+    for (int i = 0; i < 3; i++) {
+        f[i] = first * x->n[i];
+        for (int j = 0; j < 3; j++) G[3 * i + j] = first * x->H[3 * i + j] + second * x->n[i] * x->n[j];
+    }
+}
+
 /* ------------------------------------------------------------------ what is asked for */
 
 /* Distance [m], gradient (nv) of each pair (a, b) at its sample. */
@@ -438,14 +547,20 @@ together, (samples, nv) and (samples, nv, nv). */
 void eo_clearance_penalty(const Arm *arm, const Scene *scene, const Placed *at, double *energy, double *gradient, double *hessian) {
     long nv = arm->nv;
     double most = scene->margin, reach = fmax(most + scene->band, scene->gain > 0 ? scene->safe : 0.0);
+    int bent = gradient != 0;
+    Load loads[arm->links + 1];
+    unsigned char touched[arm->links + 1];
     memset(energy, 0, 2 * scene->samples * sizeof *energy);
-    if (gradient) memset(gradient, 0, scene->samples * nv * sizeof *gradient);
-    if (hessian) memset(hessian, 0, scene->samples * nv * nv * sizeof *hessian);
+    if (bent) {
+        memset(gradient, 0, scene->samples * nv * sizeof *gradient);
+        memset(hessian, 0, scene->samples * nv * nv * sizeof *hessian);
+    }
     for (long k = 0; k < scene->samples; k++) {
         const double *center = at->center + 3 * k * arm->spheres, *middle = at->link_center + 3 * k * arm->links;
-        double *g = gradient ? gradient + k * nv : 0, *h = hessian ? hessian + k * nv * nv : 0, *e = energy + 2 * k;
+        double *e = energy + 2 * k, f1, f2, s1, s2, f[3], G[9], back[3];
         Distance x;
-        double f1, f2, s1, s2;
+        if (bent) memset(loads, 0, arm->links * sizeof *loads);
+        memset(touched, 0, sizeof touched);
         for (long l = 0; l < arm->links; l++)
             for (long o = 0; o < scene->obstacles; o++) {
                 if (!scene->watched[l * scene->obstacles + o]) continue;
@@ -453,31 +568,52 @@ void eo_clearance_penalty(const Arm *arm, const Scene *scene, const Placed *at, 
                 obstacle_distance(scene, k, o, middle + 3 * l, 0, &x);
                 if (x.d - arm->link_radius[l] >= reach) continue;
                 for (long s = arm->link_start[l]; s < arm->link_start[l + 1]; s++) {
-                    if (surely_far(scene, k, o, center + 3 * s, arm->radius[s] + reach)) continue;
-                    obstacle_distance(scene, k, o, center + 3 * s, 0, &x);
-                    if (x.d - arm->radius[s] >= reach) continue;
-                    pair_distance(arm, scene, at, k, s, o, &x);
-                    e[0] += hinge(scene, x.d, scene->required[s * scene->obstacles + o], &f1, &s1);
-                    e[1] += potential(scene, x.d, &f2, &s2);
-                    if ((g || h) && (s1 != 0 || s2 != 0)) act(arm, at, k, s, o, &x, f1 + f2, s1 + s2, g, h);
+                    const double *c = center + 3 * s;
+                    if (surely_far(scene, k, o, c, arm->radius[s] + reach)) continue;
+                    obstacle_distance(scene, k, o, c, 0, &x);
+                    double d = x.d - arm->radius[s];
+                    if (d >= reach) continue;
+                    e[0] += hinge(scene, d, scene->required[s * scene->obstacles + o], &f1, &s1);
+                    e[1] += potential(scene, d, &f2, &s2);
+                    if (!bent || (s1 == 0 && s2 == 0)) continue;
+                    obstacle_distance(scene, k, o, c, 1, &x);
+                    stiffness_of(&x, f1 + f2, s1 + s2, f, G);
+                    add_force(c, f, loads + l);
+                    add_stiffness(c, c, G, 1.0, loads[l].K);
+                    touched[l] = 1;
                 }
             }
         for (long p = 0; p < arm->self_pairs && scene->stiffness > 0; p++) {
             long l = arm->self_pair[2 * p], m = arm->self_pair[2 * p + 1];
-            double away[3] = {middle[3 * l] - middle[3 * m], middle[3 * l + 1] - middle[3 * m + 1], middle[3 * l + 2] - middle[3 * m + 2]};
+            const double *u = middle + 3 * l, *v = middle + 3 * m;
+            double away[3] = {u[0] - v[0], u[1] - v[1], u[2] - v[2]}, between[36] = {0};
             double wide = arm->link_radius[l] + arm->link_radius[m] + most + scene->band;
+            int any = 0;
             if (dot(away, away) >= wide * wide) continue;
             for (long s = arm->link_start[l]; s < arm->link_start[l + 1]; s++)
                 for (long r = arm->link_start[m]; r < arm->link_start[m + 1]; r++) {
-                    double need = scene->required_self[s * arm->spheres + r] + scene->band, v[3];
-                    for (int i = 0; i < 3; i++) v[i] = center[3 * s + i] - center[3 * r + i];
-                    double sum = arm->radius[s] + arm->radius[r] + need;
-                    if (sum <= 0 || dot(v, v) >= sum * sum) continue;
+                    const double *a = center + 3 * s, *b = center + 3 * r;
+                    double need = scene->required_self[s * arm->spheres + r] + scene->band;
+                    double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]}, sum = arm->radius[s] + arm->radius[r] + need;
+                    if (sum <= 0 || dot(d, d) >= sum * sum) continue;
                     sphere_pair(arm, center, s, r, &x);
                     e[0] += hinge(scene, x.d, need - scene->band, &f1, &s1);
-                    if (g || h) act(arm, at, k, s, -1 - r, &x, f1, s1, g, h);
+                    if (!bent) continue;
+                    stiffness_of(&x, f1, s1, f, G);
+                    for (int i = 0; i < 3; i++) back[i] = -f[i];
+                    add_force(a, f, loads + l);
+                    add_force(b, back, loads + m);
+                    add_stiffness(a, a, G, 1.0, loads[l].K);
+                    add_stiffness(b, b, G, 1.0, loads[m].K);
+                    add_stiffness(a, b, G, -1.0, between);
+                    any = 1;
                 }
+            if (!any) continue;
+            touched[l] = touched[m] = 1;
+            settle_between(arm, at, k, arm->link_joint[l], arm->link_joint[m], between, hessian + k * nv * nv);
         }
+        for (long l = 0; l < arm->links; l++)
+            if (bent && touched[l]) settle(arm, at, k, arm->link_joint[l], loads + l, gradient + k * nv, hessian + k * nv * nv);
     }
 }
 

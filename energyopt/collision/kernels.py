@@ -30,6 +30,9 @@ _SOURCE = files("energyopt.collision") / "collision.c"
 class Placed(Protocol):
     """The arm at the K instants of a scene. A pair is (a, b): sphere a with obstacle b ≥ 0, or with sphere −1 − b."""
 
+    def centers(self) -> np.ndarray:
+        """Centres of all spheres [m], shape (K, S, 3)."""
+
     def pairs(self, sample: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance [m] (R,) and its derivative in q (R, nv) of R pairs (R, 2), each at its instant (R,)."""
 
@@ -138,6 +141,9 @@ class _CompiledPlaced:
         q = np.ascontiguousarray(q, dtype=float)
         self._library.eo_clearance_place(self._pointers[0], ctypes.c_long(self._count), _address(q), self._pointers[2])
         return self
+
+    def centers(self):
+        return self._arrays["center"]
 
     def pairs(self, sample, pair):
         distance, gradient = np.empty(len(sample)), np.empty((len(sample), self._arm.nv))

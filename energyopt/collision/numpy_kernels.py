@@ -43,6 +43,9 @@ class NumpyPlaced:
         self._link_center = self._position[:, arm.link_joint] + turned
         self._times = np.broadcast_to(scene.times, self._count)
 
+    def centers(self):
+        return self._center
+
     def pairs(self, sample, pair):
         distance, normal, _ = self._distances(sample, pair)
         return distance, np.einsum("ri,riv->rv", normal, self._jacobian(sample, pair))

@@ -10,7 +10,7 @@ The penalty is Σ_k ω_k E(q_k) ≈ ∫ E dt, E being hinge and potential (see `
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,8 +33,6 @@ AROUND = np.linspace(-0.02, 0.02, 9)
 """Instants around a contact that get rows too, in shares of the duration."""
 PUSH = 1.2
 """Share of the missing distance that is asked for."""
-NEEDED = 5e-3
-"""Rows that hold with more than this to spare [m] are dropped when a search moves on to finer knots."""
 FEW = 2
 STRIDE = 6
 """Rows a pair of links gets at one instant, and every which sample of a stretch is such an instant."""
@@ -96,7 +94,8 @@ class ClearanceTerms:
         count, penalised = self._unknowns.count, len(self._weight)
         q = self._offset + self._share.T @ x[: count * self._nv].reshape(count, self._nv)
         if penalised:
-            self._energy, self._slope, self._bend = self._penalised(q[:penalised]).penalty()
+            self._placed = self._penalised(q[:penalised])
+            self._penalty = self._placed.penalty(derivatives=False)
         if not len(self._pairs):
             return np.zeros(0), np.zeros(0)
         self._placed_rows = self._bounded(q[penalised:])
@@ -104,21 +103,27 @@ class ClearanceTerms:
         return distance, (self._entry_share[:, None] * gradient[self._entry_row]).ravel()
 
     def objective(self):
-        return float(self._weight @ self._energy.sum(axis=1)) if self.priced else 0.0
+        return float(self._weight @ self._penalty[0].sum(axis=1)) if self.priced else 0.0
 
     def gradient(self):
         if not self.priced:
             return None
-        return (self._share[:, : len(self._weight)] @ (self._weight[:, None] * self._slope)).ravel()
+        return (self._share[:, : len(self._weight)] @ (self._weight[:, None] * self._bent()[1])).ravel()
 
     def curvature(self, x, sigma, multipliers):
         nv, parts = self._nv, []
         if self.priced:
-            parts.append(sigma * self._weight[:, None] * self._bend.reshape(-1, nv * nv))
+            parts.append(sigma * self._weight[:, None] * self._bent()[2].reshape(-1, nv * nv))
         if len(self._pairs):
             parts.append(self._placed_rows.bends(self._row_sample, self._pairs, multipliers).reshape(-1, nv * nv))
         blocks = (self._products @ np.concatenate(parts)).reshape(-1, nv, nv)
         return blocks[self._kept]
+
+    def _bent(self):
+        """Penalty with derivatives, which line searches do not ask for."""
+        if self._penalty[1] is None:
+            self._penalty = self._placed.penalty()
+        return self._penalty
 
     def _lay_out(self, space: MotionSpace, times: np.ndarray) -> None:
         """Shares β (count, K), their products by pairs of blocks, and the entries of the rows."""
@@ -141,15 +146,14 @@ class ClearanceTerms:
         self._entry_share = own[self._entry_row, self._entry_block]
 
 
-@dataclass(frozen=True)
-class ClosePairs:
-    """What a motion calls for: bounds [m] by (time, a, b), and the largest missing distance [m]."""
+def overlap(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0) -> float:
+    """By how much [m] the worst pair of a motion misses what is asked of it and ``slack`` [m] more; 0 where none does."""
+    times = travel_times(avoidance, trajectory, STEP, SAMPLES)
+    least, _ = avoidance.kernels.place(avoidance.scene.at(times), trajectory(times)).least(slack)
+    return float(max(0.0, slack - least.min(initial=slack)))
 
-    rows: Bounds
-    depth: float = 0.0
 
-
-def close_pairs(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0) -> ClosePairs:
+def close_pairs(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0) -> Bounds:
     """Rows at the deepest instants of every stretch where a pair of links, or a link and an obstacle, is too close.
 
     Args:
@@ -162,25 +166,15 @@ def close_pairs(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0
     picks = [(k, *pair[k, c]) for c in np.flatnonzero((least < limit).any(axis=0)) for k in _instants(least[:, c], limit)]
     found = np.array([pick for pick in picks if pick[1] >= 0], np.int64).reshape(-1, 3)
     if not len(found):
-        return ClosePairs({})
+        return {}
     sample, pairs, counts = _with_neighbours(avoidance, found)
     bound = required_of(avoidance, pairs)
     kept = _nearest_few(placed.pairs(sample, pairs)[0] - bound, np.repeat(np.arange(len(found)), counts), NEAR + slack)
     kept = zip(sample[kept], pairs[kept], bound[kept], strict=True)
-    return ClosePairs({(float(times[k]), int(a), int(b)): float(d) for k, (a, b), d in kept}, float(-least.min()))
+    return {(float(times[k]), int(a), int(b)): float(d) for k, (a, b), d in kept}
 
 
-def needed_rows(avoidance: Avoidance, trajectory: Trajectory, rows: Bounds) -> Bounds:
-    """Those of some rows that a motion is near to: the others are left out, until a check asks for them again."""
-    if not rows:
-        return {}
-    keys = list(rows)
-    times, sample = np.unique([key[0] for key in keys], return_inverse=True)
-    distance = avoidance.kernels.place(avoidance.scene.at(times), trajectory(times)).pairs(sample, [key[1:] for key in keys])[0]
-    return {key: rows[key] for key, d in zip(keys, distance, strict=True) if d < rows[key] + NEEDED}
-
-
-def touching_pairs(avoidance: Avoidance, problem: Problem, trajectory: Trajectory) -> ClosePairs:
+def touching_pairs(avoidance: Avoidance, problem: Problem, trajectory: Trajectory) -> Bounds:
     """Rows where the exact check fails although the spheres keep what is asked of them: less was asked than the clearance.
 
     At and around each instant the exact distance misses, all overlapping spheres of the two links are asked for what is missing
@@ -201,7 +195,7 @@ def touching_pairs(avoidance: Avoidance, problem: Problem, trajectory: Trajector
         bound = np.minimum(distance + PUSH * missing[sample], avoidance.margin)
         for r in np.flatnonzero(distance < avoidance.margin):
             rows[float(times[sample[r]]), int(every[r, 0]), int(every[r, 1])] = float(bound[r])
-    return ClosePairs(rows)
+    return rows
 
 
 def _pairs_of_names(avoidance: Avoidance, first: str, second: str) -> np.ndarray:
@@ -254,7 +248,7 @@ def _with_neighbours(avoidance: Avoidance, found: np.ndarray) -> tuple[np.ndarra
 
 
 def _nearest_few(excess: np.ndarray, group: np.ndarray, near: float) -> np.ndarray:
-    """Which pairs get a row: of each group (R,) the FEW with the least excess (R,), as far as they keep less than ``near`` [m]."""
+    """Which pairs get a row: of each group (R,) the FEW of least excess (R,), as far as they keep less than ``near``."""
     order = np.lexsort((excess, group))
     first = np.searchsorted(group[order], group[order])
     kept = np.zeros(len(excess), bool)
@@ -274,19 +268,11 @@ def travel_times(avoidance: Avoidance, trajectory: Trajectory, step: float, coun
     Between two of them no sphere moves by much more than ``step`` [m]; ``count`` bounds their number.
     """
     fewest, most = count
-    fine = np.linspace(0.0, trajectory.duration, 401)
-    travel = np.linalg.norm(np.diff(sphere_centers(avoidance, trajectory(fine)), axis=0), axis=2).max(axis=1, initial=0.0)
-    covered = np.concatenate([[0.0], np.cumsum(fewest / 400 + travel / step)])
+    fine = np.linspace(0.0, trajectory.duration, 201)
+    centers = avoidance.kernels.place(avoidance.scene.at(fine), trajectory(fine)).centers()
+    travel = np.sqrt(np.sum(np.diff(centers, axis=0) ** 2, axis=2).max(axis=1, initial=0.0))
+    covered = np.concatenate([[0.0], np.cumsum(fewest / 200 + travel / step)])
     intervals = int(np.clip(np.ceil(covered[-1]), fewest, most))
     times = np.interp(np.linspace(0.0, covered[-1], intervals + 1), covered, fine)
     times[-1] = trajectory.duration
     return times
-
-
-def sphere_centers(avoidance: Avoidance, q: np.ndarray) -> np.ndarray:
-    """Centres of all spheres, (K, S, 3) [m]."""
-    from energyopt.geometry.kinematics import joint_placements
-
-    arm = avoidance.arm
-    rotation, position = joint_placements(arm.model, q)
-    return position[:, arm.sphere_joint] + np.einsum("nsij,sj->nsi", rotation[:, arm.sphere_joint], arm.center)

@@ -49,6 +49,9 @@ class Cuts:
     def __len__(self) -> int:
         return len(self.torque) + len(self.rates) + len(self.samples) + len(self.clearance)
 
+    def copy(self) -> Cuts:
+        return Cuts(set(self.torque), set(self.rates), set(self.samples), dict(self.clearance))
+
     def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
         """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).
 
