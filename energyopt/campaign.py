@@ -14,7 +14,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from energyopt.avoidance import Avoidance, arm_obstacles, avoidance_of, planned_pairs
+from energyopt.avoidance import Avoidance, arm_obstacles, avoidance_of, bound_frames, planned_pairs
 from energyopt.clearance_checks import check_ends
 from energyopt.dynamics.kernels import Kernels
 from energyopt.errors import ProblemError
@@ -134,6 +134,7 @@ class Campaign:
             problem.robot,
             arm_obstacles(problem),
             self_pairs=planned_pairs(problem),
+            bound=bound_frames(problem),
             attached=problem.attached,
             limits=problem.limits,
             margin=problem.clearance,

@@ -534,12 +534,18 @@ static double potential(const Scene *scene, double d, double *first, double *sec
     return 0.5 * scene->gain * gap * gap + slope * below + 0.5 * *second * below * below;
 }
 
+/* A hinge whose second derivative rises from 0 to the stiffness over the band, twice continuously differentiable. */
 static double hinge(const Scene *scene, double d, double required, double *first, double *second) {
-    double missing = required + scene->band - d;
-    if (scene->stiffness == 0.0 || missing <= 0) return *first = *second = 0.0;
-    *first = -scene->stiffness * missing;
-    *second = scene->stiffness;
-    return 0.5 * scene->stiffness * missing * missing;
+    double missing = required + scene->band - d, k = scene->stiffness, band = scene->band;
+    if (k == 0.0 || missing <= 0) return *first = *second = 0.0;
+    if (missing < band) {
+        *first = -0.5 * k * missing * missing / band;
+        *second = k * missing / band;
+        return k * missing * missing * missing / (6.0 * band);
+    }
+    *first = -k * (missing - 0.5 * band);
+    *second = k;
+    return k * (0.5 * missing * (missing - band) + band * band / 6.0);
 }
 
 /* At every sample: the hinge and the potential summed over all pairs (samples, 2), and where asked for the derivatives of both

@@ -58,9 +58,8 @@ class NumpyPlaced:
         scene = self._scene
         sample, pair = self._near()
         distance, normal, curvature = self._distances(sample, pair)
-        missing = np.maximum(self._required(pair) + scene.hinge.band - distance, 0.0)
-        first, second = -scene.hinge.stiffness * missing, scene.hinge.stiffness * (missing > 0)
-        energy = np.stack([0.5 * scene.hinge.stiffness * missing**2, np.zeros(len(distance))], axis=1)
+        priced, first, second = scene.hinge.derivatives(self._required(pair) + scene.hinge.band - distance)
+        energy = np.stack([priced, np.zeros(len(distance))], axis=1)
         if scene.potential is not None:
             felt = [np.where(pair[:, 1] >= 0, value, 0.0) for value in scene.potential.derivatives(distance)]
             energy[:, 1] = felt[0]

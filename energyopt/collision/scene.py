@@ -14,10 +14,26 @@ from energyopt.geometry.shapes import Shape
 
 @dataclass(frozen=True)
 class Hinge:
-    """A penalty ½ stiffness (required + band − d)² where the distance d of a pair is less than required + band."""
+    """A penalty E(m) on what a pair misses, m = required + band − d > 0, twice continuously differentiable.
+
+    E″ rises from 0 at m = 0 to the stiffness k at m = band and stays: E = k m³ / (6 band), and beyond the band
+    k (½ m (m − band) + band²/6).
+
+    Attributes:
+        stiffness: k; 0 for no penalty. band: [m].
+    """
 
     stiffness: float = 0.0
     band: float = 0.0
+
+    def derivatives(self, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """E, dE/dd and d²E/dd² where ``missing`` [m] is missing, each of its shape."""
+        k, band = self.stiffness, self.band
+        m = np.maximum(missing, 0.0)
+        inner = np.minimum(m, band)
+        share = inner / band if band > 0 else (m > 0).astype(float)
+        energy = np.where(m < band, k * m * m * share / 6.0, k * (0.5 * m * (m - band) + band**2 / 6.0))
+        return energy, -k * np.where(m < band, 0.5 * m * share, m - 0.5 * band), k * share
 
 
 @dataclass(frozen=True, eq=False)
