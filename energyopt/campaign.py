@@ -93,9 +93,6 @@ class Campaign:
     def _best(self, searches: list[Search]) -> Search:
         """The most promising search that, refined, holds; where none does, the least bad."""
         ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
-        if searches[-1].outcome is Outcome.INTERRUPTED:
-            ranked[0].outcome = Outcome.INTERRUPTED  # also where it had converged: the caller asked for more
-            return ranked[0]
         finished = []
         for search in ranked[:MOST_FINISHED]:
             finished.append(self._refined(search))
@@ -108,7 +105,6 @@ class Campaign:
         converged = [search for search in self.searches if search.converged]
         best = min(converged, key=lambda search: search.objective, default=self.current)
         if best is not None:
-            best.iterations = sum(search.iterations for search in self.searches) or best.iterations
             best.outcome = Outcome.INTERRUPTED  # also where it had converged: the caller asked for more
         return best
 

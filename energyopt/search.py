@@ -38,7 +38,7 @@ HINGE_DEPTH = 1e-2
 STIFFNESS = (0.03, 0.3, 3.0, 30.0)
 HARD, HARD_BAND = 20.0, 1e-3
 """How much stiffer the hinge is at the end, and the distance [m] at which it begins then."""
-CHANGED = 2e-3
+CHANGED = 1e-2
 """Relative change of J by clearing a motion from which its discretisation is judged anew."""
 DEEP = 5e-3
 """Depth [m] of an overlap from which a stiffer hinge is tried; rows deal with less."""
@@ -157,13 +157,13 @@ class Search:
         """
         if self.avoidance is None or not self.converged or self.hard:
             return self.converged
-        started, free = time.perf_counter(), self.objective
+        started, free, unaware = time.perf_counter(), self.objective, not self.stiffness
         if self._stiffen():
             self._solve_rounds(WARM_BARRIER)
         self.hard = True
         if self.converged and (self._add_clearance() or (self.stiffness and self._near())):
             self._solve_rounds(WARM_BARRIER)
-        if abs(self.objective - free) > CHANGED * abs(free):
+        if unaware and abs(self.objective - free) > CHANGED * abs(free):
             self.gain = None  # what was measured holds for another motion
         self.spent.solve_s += time.perf_counter() - started
         return self.converged

@@ -60,7 +60,7 @@ class ClearanceTerms:
         self._avoidance, self._unknowns = avoidance, unknowns
         keys = sorted(rows)
         row_times = np.array([t for t, *_ in keys])
-        self._weight = samples[1]
+        self._weight, self._bent_last = samples[1], True
         instants, self._row_sample = np.unique(row_times, return_inverse=True)
         self._pairs = np.array([pair for _, *pair in keys], np.int64).reshape(-1, 2)
         none = np.zeros(0)
@@ -95,7 +95,8 @@ class ClearanceTerms:
         q = self._offset + self._share.T @ x[: count * self._nv].reshape(count, self._nv)
         if penalised:
             self._placed = self._penalised(q[:penalised])
-            self._penalty = self._placed.penalty(derivatives=False)
+            self._penalty = self._placed.penalty(derivatives=self._bent_last)
+            self._bent_last = False
         if not len(self._pairs):
             return np.zeros(0), np.zeros(0)
         self._placed_rows = self._bounded(q[penalised:])
@@ -121,6 +122,7 @@ class ClearanceTerms:
 
     def _bent(self):
         """Penalty with derivatives, which line searches do not ask for."""
+        self._bent_last = True  # the next point is likely to be accepted as well
         if self._penalty[1] is None:
             self._penalty = self._placed.penalty()
         return self._penalty
