@@ -18,6 +18,8 @@ from energyopt.impossible import impossible
 from energyopt.problem import Problem
 
 MILLIMETRE = 1e-3
+MANY_METRES = 20.0
+"""Distances [m] beyond this are rare enough for a hint that they might be millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,6 @@ def check_reach(problem: Problem) -> None:
     away = np.linalg.norm(goal.position - ball.center)
     if away > ball.radius * (1 + 1e-9):
         small = np.linalg.norm(MILLIMETRE * goal.position - ball.center) <= ball.radius
-        hint = "looks like millimetres, expected metres" if small and away > 20 * ball.radius else "move it nearer"
+        hint = "looks like millimetres, expected metres" if small and away > MANY_METRES else "move it nearer"
         reason = f"frame '{goal.frame}' stays within {ball.radius:.4g} m of joint '{ball.joint}', so long are its links"
         raise impossible(problem, "goal", f"out of reach: {reason}; the goal is {away:.4g} m away; {hint}")

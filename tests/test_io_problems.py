@@ -207,6 +207,7 @@ WRONG = {
     "option out of range": (UR5 + "[method]\ndegree = 9", "method.degree is 9; expected a whole number from 3 to 5"),
     "too few control points": (UR5 + "[method]\ndegree = 5\ncontrol_points = 7", "control_points is 7: expected 9 to 2000"),
     "unknown method": (UR5 + "[method]\nparameterization = 'spline'", 'is "spline"; expected one of bspline, sinusoid'),
+    "a name of two lines": ('name = "a\\nb"' + UR5, 'name is "a b"; expected a name, one line of at most 200 characters'),
     "a date": (UR5.replace("duration = 1", "duration = 2020-01-01"), "problem.duration is 2020-01-01; expected a number"),
     "syntax": (UR5 + "x = = 1", ":8:5: not valid TOML"),
     "double key": (UR5 + "duration = 2", "not valid TOML"),

@@ -36,6 +36,11 @@ def edited(pattern: str, replacement: str, part: str = "") -> str:
     raise AssertionError(f"no line with {part!r} matches {pattern!r}")
 
 
+def with_solid(element: str) -> str:
+    """`ARM` with a collision solid at its first moving link."""
+    return edited("</link>", f"<collision><geometry>{element}</geometry></collision></link>", '<link name="link1"')
+
+
 LINK, JOINT = '<link name="link2"', '<joint name="joint2"'
 LIMIT = r"<limit[^/]*/>"
 
@@ -61,6 +66,9 @@ BROKEN = {
     "inertia incomplete": (edited(r'izz="[^"]*"', "", LINK), ["link2", "izz"]),
     "axis zero": (edited(r"<axis[^/]*/>", '<axis xyz="0 0 0"/>', JOINT), ["joint2", "[0.0, 0.0, 0.0]"]),
     "axis of a nanometre": (edited(r"<axis[^/]*/>", '<axis xyz="0 0 1e-9"/>', JOINT), ["joint2", "1e-09", "unit vector"]),
+    "negative box": (with_solid('<box size="0.1 -0.1 0.1"/>'), ["link1", 'size="0.1 -0.1 0.1"', "no negative size"]),
+    "negative sphere": (with_solid('<sphere radius="-0.1"/>'), ["link1", 'radius="-0.1"', "no negative size"]),
+    "cylinder without length": (with_solid('<cylinder radius="0.1"/>'), ["link1", "<cylinder> has no length"]),
     "axis too short": (edited(r"<axis[^/]*/>", '<axis xyz="0 1"/>', JOINT), ["joint2", "0 1", "3 finite"]),
     "origin not a number": (edited(r'xyz="[^"]*"', 'xyz="0 nan 0"', JOINT), ["joint2", "0 nan 0"]),
     "origin infinite": (edited(r'rpy="[^"]*"', 'rpy="0 0 1e999"', JOINT), ["joint2", "rpy", "1e999"]),
@@ -189,6 +197,8 @@ ARGUMENTS = [
     ({"tool_frame": "claw"}, ["claw"]),
     ({"home": [0.0, 7.0, 0.0]}, ["home", "joint2", "7"]),
     ({"continuous_range": {"joint1": (-1, 1)}}, ["continuous_range", "joint1"]),
+    ({"continuous_range": (1, -1)}, ["continuous_range", "(1, -1)", "lower < upper"]),
+    ({"continuous_range": "wide"}, ["continuous_range", "'wide'"]),
     ({"velocity_limits": ["1", "2", "3"]}, ["velocity_limits is ['1', '2', '3']", "3 numbers"]),
     ({"velocity_limits": [None, 1, 1]}, ["velocity_limits is [None, 1, 1]"]),
     ({"position_limits": {"joint1": (0.0, "a")}}, ["position_limits (upper) of joint 'joint1' is 'a'; expected a number"]),

@@ -94,21 +94,21 @@ def continuous_ranges(given: Any, names: list[str], where: str) -> dict[str, tup
     """The range of each continuous joint [rad]."""
     if given is None:
         return dict.fromkeys(names, CONTINUOUS_RANGE)
-    pairs = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(names, _range(given, f"{where}: continuous_range"))
     ranges = dict.fromkeys(names, CONTINUOUS_RANGE)
-    for name, pair in pairs.items():
+    for name, pair in given.items():
         if name not in names:
             raise RobotError(f"{where}: continuous_range: no continuous joint named '{name}'; {did_you_mean(str(name), names)}")
-        try:
-            lower, upper = (float(x) for x in pair)
-        except (TypeError, ValueError):
-            lower = upper = np.nan
-        if not (np.isfinite([lower, upper]).all() and lower < upper):
-            raise RobotError(
-                f"{where}: continuous_range of joint '{name}' is {shown(pair)}; expected a finite pair lower < upper [rad]"
-            )
-        ranges[name] = (lower, upper)
+        ranges[name] = _range(pair, f"{where}: continuous_range of joint '{name}'")
     return ranges
+
+
+def _range(pair: Any, label: str) -> tuple[float, float]:
+    array = as_numbers(pair)
+    if array is None or array.shape != (2,) or not np.isfinite(array).all() or not array[0] < array[1]:
+        raise RobotError(f"{label} is {shown(pair)}; expected a finite pair lower < upper [rad]")
+    return float(array[0]), float(array[1])
 
 
 def payloads(payload: Any, where: str) -> list[Payload]:

@@ -42,6 +42,8 @@ NUMBERS = {
     "color": {"rgba": 4},
 }
 """Attributes that hold numbers, by element, with how many."""
+SOLIDS = ("box", "cylinder", "capsule", "sphere")
+"""Elements all of whose attributes are lengths. A length of zero is a placeholder, and takes no space."""
 PLAIN_NUMBER = re.compile(r"[+\-.0-9a-zA-Z]{1,60}")
 """Excludes what Python reads as a number and C++ does not: underscores and digits of other scripts."""
 MAY_BE_INFINITE = ("lower", "upper", "effort", "velocity")
@@ -156,10 +158,13 @@ def _check_names(root: ET.Element, where: str) -> None:
 
 def _check_numbers(root: ET.Element, where: str) -> None:
     for owner in (*root.findall("link"), *root.findall("joint"), *root.findall("material")):
+        label = f"{where}: {owner.tag} '{owner.get('name')}'"
         for element in owner.iter():
             for key, count in NUMBERS.get(element.tag, {}).items():
                 if element.get(key) is not None:
-                    _check_number(element, key, count, f"{where}: {owner.tag} '{owner.get('name')}'")
+                    _check_number(element, key, count, label)
+                elif element.tag in SOLIDS:
+                    raise RobotError(f"{label}: <{element.tag}> has no {key}; expected one [m]")
     for link in root.findall("link"):
         inertial = link.find("inertial")
         if inertial is not None:
@@ -173,6 +178,8 @@ def _check_number(element: ET.Element, key: str, count: int, owner: str) -> None
         values = [float(word) for word in words if PLAIN_NUMBER.fullmatch(word)]
     except ValueError:
         values = []
+    if element.tag in SOLIDS and values and min(values) < 0:
+        values, expected = [], "no negative size"
     largest = math.inf if element.tag == "limit" and key in MAY_BE_INFINITE else LARGEST
     good = all(abs(x) <= largest for x in values)  # nan is not
     if len(values) != count or not good:
