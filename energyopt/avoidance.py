@@ -5,8 +5,9 @@ pair of spheres is asked for
 
     required = min(clearance + reserve, its distance at the start, its distance at the goal),
 
-which the ends can always meet. Where that is less than the clearance, spheres do not prove it any more; the exact check of the
-finished motion does, and asks more of the spheres where it fails (`Avoidance.tightened`).
+without the clearance for two links of the arm (those only must not touch), which the ends can always meet. Where that is less
+than the clearance, spheres do not prove it any more; the exact check of the finished motion does, and where it fails, more is
+asked of the spheres around that instant (see `transcription.clearance`).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Avoidance:
         arm: the spheres, with a point for every frame that a workspace binds.
         kernels: distances between them.
         scene: obstacles, walls and requirements; its times are those of nothing yet.
-        margin: clearance and reserve [m].
+        margin: clearance from obstacles, and reserve [m].
     """
 
     arm: SphereArm
@@ -115,7 +116,7 @@ def avoidance_of(problem: Problem) -> Avoidance | None:
     for k, (frame, _) in enumerate(bound):
         watched[arm.links.index(_point_name(frame)), common + k] = True
     margin = problem.clearance + RESERVE
-    scene = Scene.of(arm, everything, [0.0], margin, margin, watched, potential=problem.potential)
+    scene = Scene.of(arm, everything, [0.0], margin, RESERVE, watched, potential=problem.potential)
     return Avoidance(arm, pair_kernels(arm, everything), scene, margin)
 
 

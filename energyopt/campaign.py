@@ -149,7 +149,8 @@ class Campaign:
 
     def _searched(self, space: MotionSpace, attempt: Attempt) -> Search:
         avoidance = self._relaxed(attempt)
-        search = Search(self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name, spent=self.spent)
+        start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
+        search = Search(*start, spent=self.spent)
         search.stiffness = int(avoidance is not None and bool(avoidance.scene.obstacles))
         self.current = search
         search.advance()

@@ -6,6 +6,7 @@ above a wall, n·p(q(t)) − b, is taken at dense samples, the least of them ref
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -26,10 +27,23 @@ BETWEEN = "–"
 @lru_cache(maxsize=16)
 def motion_clearance(problem: Problem, trajectory: Trajectory) -> Clearance | None:
     """The verdict of the exact check of the arm; None where there is nothing to keep apart."""
-    verdict = check_clearance(
-        problem.robot, trajectory, arm_obstacles(problem), checked_pairs(problem), problem.attached, problem.clearance
-    )
-    return verdict if verdict.first else None
+    robot, obstacles, pairs, attached = problem.robot, arm_obstacles(problem), checked_pairs(problem), problem.attached
+    if problem.clearance == 0.0:
+        verdicts = [check_clearance(robot, trajectory, obstacles, pairs, attached)]
+    else:  # links of the arm only must not touch
+        verdicts = [
+            check_clearance(robot, trajectory, obstacles, (), attached, problem.clearance),
+            check_clearance(robot, trajectory, (), pairs, attached),
+        ]
+    return _worst([verdict for verdict in verdicts if verdict.first])
+
+
+def _worst(verdicts: list[Clearance]) -> Clearance | None:
+    """The one that fails, or comes nearest to its margin, with the violations of all."""
+    if not verdicts:
+        return None
+    worst = min(verdicts, key=lambda v: (v.passes, v.distance - v.margin))
+    return replace(worst, violations=tuple(instant for verdict in verdicts for instant in verdict.violations))
 
 
 def exact_distances(problem: Problem, trajectory: Trajectory, t: np.ndarray, names: tuple[str, str]) -> np.ndarray:
@@ -47,7 +61,7 @@ def clearance_of(problem: Problem, trajectory: Trajectory) -> tuple[Finding, flo
         arm = motion_clearance(problem, trajectory)
         if arm is not None:
             # Where nothing was seen but something could not be excluded, the motion is not proved clear.
-            missing = 0.0 if arm.passes else max(problem.clearance - arm.distance, TOLERANCE)
+            missing = 0.0 if arm.passes else max(arm.margin - arm.distance, TOLERANCE)
             verdicts.append((missing, arm.distance, f"{arm.first}{BETWEEN}{arm.second}", arm.time))
         verdicts += _frame_verdicts(problem, trajectory)
     if not verdicts:
@@ -75,9 +89,10 @@ def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
 
 def _check_station(problem: Problem, where: str, q: np.ndarray, t: float) -> None:
     pairs, obstacles = checked_pairs(problem), arm_obstacles(problem)
-    near = touching(problem.robot, q, obstacles, pairs, problem.attached, t, max(problem.clearance, TOLERANCE))
+    near = touching(problem.robot, q, (), pairs, problem.attached, t, TOLERANCE)
+    near += touching(problem.robot, q, obstacles, (), problem.attached, t, max(problem.clearance, TOLERANCE))
     if near:
-        worst = near[0]
+        worst = min(near, key=lambda pair: pair.distance)
         _refuse(problem, where, worst.first, worst.second, worst.distance, (worst.first, worst.second) in pairs)
     for frame, wall in bound_frames(problem):
         height = float(_heights(problem, frame, wall, q[None])[0])

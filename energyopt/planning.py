@@ -108,7 +108,7 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
     terms = cost(campaign.problem, search.trajectory)
     verify_s = time.perf_counter() - began
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
-    message = _SENTENCE[status]
+    message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
         message = f"{message} ({describe(violations)}; {_tried(campaign.tried)})"
     return Plan(
@@ -120,8 +120,8 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
         cost_terms=terms,
         violations=violations,
         discretization_error=search.error,
-        iterations=search.spent.iterations,
-        time_s={"compile": compile_s, "build": campaign.guess_s + search.spent.build_s, "solve": search.spent.solve_s, "verify": verify_s},
+        iterations=spent.iterations,
+        time_s={"compile": compile_s, "build": campaign.guess_s + spent.build_s, "solve": spent.solve_s, "verify": verify_s},
         seed=campaign.seed,
         options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
                             "clearance_rows": len(search.cuts.clearance), "tried": list(campaign.tried), "guess": search.name,

@@ -82,7 +82,7 @@ class Problem:
             jerk_limits [rad/s³]; torque_limits [N·m]; torque_rate_limits [N·m/s]: in place of the robot's own.
         obstacles: shapes to stay clear of, such as `Box`; a pose may be `Moving`.
         workspace: where to stay: a `Box` (inside it), a `HalfSpace` (out of it), `Workspace`, or several of them.
-        clearance: least distance from obstacles, walls, and between links [m]; 0 asks for no contact.
+        clearance: least distance from obstacles and walls [m]; 0 asks for no contact, as always between links of the arm.
         potential: `RepulsivePotential`, whose integral over the motion, summed over spheres and obstacles, is added to J.
         self_collision: whether links of the arm are kept apart.
         attached: tools and grasped objects, `Attached`.

@@ -179,7 +179,8 @@ class Search:
 
     def _solve_rounds(self, barrier: float) -> None:
         """Solve, and again with more rows, until a check finds nothing to add."""
-        for self.rounds in range(1, (CLEARANCE_ROUNDS if self.hard else ROUNDS) + 1):
+        most = CLEARANCE_ROUNDS if self.hard else ROUNDS
+        for self.rounds in range(1, most + 1):
             program = self._transcribe()
             x0 = program.guess(self.trajectory)
             result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
@@ -226,8 +227,8 @@ class Search:
         if self.stiffness or self.avoidance.scene.potential is not None:
             samples = penalty_samples(self.avoidance, self.trajectory)
         if self.stiffness:
-            stiffness = 2.0 * abs(self.first_objective) / self.problem.duration / HINGE_DEPTH**2 * STIFFNESS[self.stiffness - 1]
-            hinge = Hinge(stiffness * HARD / STIFFNESS[self.stiffness - 1], HARD_BAND) if self.hard else Hinge(stiffness, HINGE_BAND)
+            unit = 2.0 * abs(self.first_objective) / self.problem.duration / HINGE_DEPTH**2
+            hinge = Hinge(HARD * unit, HARD_BAND) if self.hard else Hinge(STIFFNESS[self.stiffness - 1] * unit, HINGE_BAND)
         if not (cuts.clearance or len(samples[0])):
             return None
         return ClearanceTerms(self.avoidance, space, unknowns, cuts.clearance, hinge, samples)

@@ -30,7 +30,10 @@ def problem():
     return eo.Problem(arms.rubbing_chain(), [0.1, -0.2, 0.3], [0.8, 0.3, -0.5], 0.8, self_collision=False)
 
 
-def program_of(method, kept, rows, hinge=Hinge(50.0, 0.02)):
+HINGE = Hinge(50.0, 0.02)
+
+
+def program_of(method, kept, rows, hinge=HINGE):
     asked, space = problem(), method.space(0.8)
     goal = asked.goal if isinstance(method, eo.Sinusoid) else np.array([0.2, 0.4, 0.1])
     samples = penalty_samples(kept, eo.baseline(asked, goal=goal)) if hinge.stiffness else (np.zeros(0), np.zeros(0))
@@ -69,7 +72,7 @@ def test_rows_are_the_distances_of_the_motion():
 
 def test_the_penalty_is_the_integral_over_the_motion():
     """Against the same energy summed over 20,000 instants."""
-    kept, hinge = avoidance(), Hinge(50.0, 0.02)
+    kept, hinge = avoidance(), HINGE
     kept = replace(kept, scene=replace(kept.scene, potential=None))
     with_penalty, without = (program_of(METHODS["cubic spline"], kept, {}, h) for h in (hinge, Hinge()))
     x = with_penalty.guess(eo.baseline(problem()))

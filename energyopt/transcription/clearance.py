@@ -184,18 +184,18 @@ def touching_pairs(avoidance: Avoidance, problem: Problem, trajectory: Trajector
     """
     rows: Bounds = {}
     for instant in motion_clearance(problem, trajectory).violations:
+        names = (instant.first, instant.second)
+        pairs, margin = _pairs_of_names(avoidance, *names), RESERVE if instant.second in avoidance.arm.links else avoidance.margin
         times = np.clip(instant.time + trajectory.duration * AROUND, 0.0, trajectory.duration)
-        missing = avoidance.margin - exact_distances(problem, trajectory, times, (instant.first, instant.second))
+        missing = margin - exact_distances(problem, trajectory, times, names)
         times, missing = times[missing > 0], missing[missing > 0]
-        pairs = _pairs_of_names(avoidance, instant.first, instant.second)
         if not len(times) or not len(pairs):
             continue
         placed = avoidance.kernels.place(avoidance.scene.at(times), trajectory(times))
-        sample = np.repeat(np.arange(len(times)), len(pairs))
-        every = np.tile(pairs, (len(times), 1))
+        sample, every = np.repeat(np.arange(len(times)), len(pairs)), np.tile(pairs, (len(times), 1))
         distance = placed.pairs(sample, every)[0]
-        bound = np.minimum(distance + PUSH * missing[sample], avoidance.margin)
-        for r in np.flatnonzero(distance < avoidance.margin):
+        bound = np.minimum(distance + PUSH * missing[sample], margin)
+        for r in np.flatnonzero(distance < margin):
             rows[float(times[sample[r]]), int(every[r, 0]), int(every[r, 1])] = float(bound[r])
     return rows
 
