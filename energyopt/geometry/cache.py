@@ -9,11 +9,13 @@ computed again.
 from __future__ import annotations
 
 import hashlib
+import io
 import logging
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -66,26 +68,24 @@ def cached_arrays(kind: str, key: str, compute: Callable[[], Arrays], valid: Cal
 
 def _shipped(name: str) -> Arrays | None:
     """What comes with the package under a name; members of the archive are called ``name/array``."""
-    members = _shipped_names().get(name)
-    if members is None:
-        return None
+    archive, members = shipped_archive()
     try:
-        with np.load(SHIPPED, allow_pickle=False) as archive:
-            return {member.partition("/")[2]: archive[member] for member in members}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return {member.partition("/")[2]: archive[member] for member in members[name]} if name in members else None
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
         return None
 
 
 @cache
-def _shipped_names() -> dict[str, list[str]]:
+def shipped_archive() -> tuple[Mapping[str, np.ndarray], dict[str, list[str]]]:
+    """The archive of the package, read into memory, and its members by name; empty where it is missing or damaged."""
     try:
-        with np.load(SHIPPED, allow_pickle=False) as archive:
-            found: dict[str, list[str]] = {}
-            for member in archive.files:
-                found.setdefault(member.partition("/")[0], []).append(member)
-            return found
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return {}
+        archive = np.load(io.BytesIO(SHIPPED.read_bytes()), allow_pickle=False)
+        members: dict[str, list[str]] = {}
+        for member in archive.files:
+            members.setdefault(member.partition("/")[0], []).append(member)
+        return archive, members
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        return {}, {}
 
 
 def _read(path: Path) -> Arrays | None:
@@ -94,7 +94,7 @@ def _read(path: Path) -> Arrays | None:
             return None
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, MemoryError):
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, MemoryError):
         return None
 
 

@@ -27,13 +27,14 @@ from energyopt.geometry.shapes import Shape, Sphere
 CANDIDATES = 300
 ELEMENT_SHARE = 0.7
 """Longest edge of the small triangles as a share of ε: finer ones waste less of a ball and cost more time."""
-MAX_TABLE = 20_000_000
+MAX_TABLE = 60_000_000
 """Pairs of elements and candidates: bounds the memory where a body is large."""
 BLOCK = 1024
 """Elements whose areas are added up together."""
-TRIES = 6
-"""Balls that are tried for dropping before the search ends; and rounds of moving the others."""
+MAX_EFFORT = 3_000_000
+"""Pairs of elements and balls looked at to save balls: bounds the time where a body is large or the resolution fine."""
 ROUNDS = 3
+"""Rounds of moving balls."""
 ROUNDING = 1e-9
 """Added to every radius [m], so that what is contained stays contained after rounding."""
 FINEST_STEP = 5e-4
@@ -188,6 +189,10 @@ class _Balls:
     def without(self, ball: int) -> _Balls:
         return _Balls(self.elements, np.delete(self.centers, ball, axis=0), np.delete(self.far, ball, axis=1))
 
+    def answers_for(self, owner: np.ndarray, ball: int) -> np.ndarray:
+        """Corners of the elements that a ball owns, shape (N, 3)."""
+        return self.elements.points[np.unique(self.elements.corners[owner == ball])]
+
     def move(self, balls: np.ndarray, centers: np.ndarray) -> None:
         self.centers[balls] = centers
         self.far[:, balls] = self.elements.farthest(centers)
@@ -209,7 +214,7 @@ class _Search:
             self._settle(balls, self._reach(balls).argmin(axis=1))
         owner = self._reach(balls).argmin(axis=1)
         used = np.unique(owner)
-        radii = [np.linalg.norm(self._answers_for(owner, k) - balls.centers[k], axis=1).max() for k in used]
+        radii = [np.linalg.norm(balls.answers_for(owner, k) - balls.centers[k], axis=1).max() for k in used]
         return balls.centers[used], np.array(radii)
 
     def _allowed(self, centers: np.ndarray) -> np.ndarray:
@@ -220,9 +225,6 @@ class _Search:
     def _reach(self, balls: _Balls) -> np.ndarray:
         """How far each element reaches beyond each allowed ball [m], shape (E, S); contained where ≤ 0."""
         return balls.far - self._allowed(balls.centers).astype(np.float32)
-
-    def _answers_for(self, owner: np.ndarray, ball: int) -> np.ndarray:
-        return self.elements.points[np.unique(self.elements.corners[owner == ball])]
 
     def _greedy(self) -> np.ndarray:
         """Candidates, each time the one with the most area that is still open."""
@@ -246,7 +248,8 @@ class _Search:
         excess about such a point contains its element, whose edges are shorter: so the candidates contain everything.
         """
         found = []
-        share = max(50, min(CANDIDATES, MAX_TABLE // len(self.elements.corners)) // len(self.hulls))
+        wanted = max(CANDIDATES, int(self.elements.areas.sum() / self.limit**2))
+        share = max(50, min(wanted, MAX_TABLE // (2 * len(self.elements.corners))) // len(self.hulls))
         for k, hull in enumerate(self.hulls):
             low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
             even = low + qmc.Halton(3, scramble=False).random(4 * share) * (high - low)
@@ -270,18 +273,31 @@ class _Search:
         return points + way * np.minimum(1e-3, 0.05 * self.limit / np.linalg.norm(way, axis=1))[:, None]
 
     def _fewer(self, balls: _Balls) -> _Balls:
-        """Drop balls, those least alone at their work first, as long as the others can take over."""
-        while len(balls.centers) > 1:
-            inside = self._reach(balls) <= 0
-            alone = np.sum(inside & (inside.sum(axis=1) == 1)[:, None], axis=0)
-            for k in np.argsort(alone, kind="stable")[:TRIES]:
-                fewer = balls.without(k)
-                if self._take_over(fewer):
-                    balls = fewer
-                    break
-            else:
-                return balls
+        """Drop balls, those with the least to answer for first, as long as their neighbours can take over."""
+        owner = self._reach(balls).argmin(axis=1)
+        stuck = np.zeros(len(balls.centers), bool)
+        effort = 0
+        while not stuck.all() and effort < MAX_EFFORT:
+            load = np.bincount(owner, minlength=len(stuck))
+            ball = int(np.where(stuck, len(owner) + 1, load).argmin())
+            near = self._neighbours(balls.centers, ball)
+            rows = np.flatnonzero(np.isin(owner, [ball, *near]))
+            effort += len(rows) * len(near)
+            part = _Balls(self.elements.some(rows), balls.centers[near], balls.far[np.ix_(rows, near)])
+            stuck[ball] = not (len(near) and self._take_over(part))
+            if not stuck[ball]:
+                owner[rows] = near[self._reach(part).argmin(axis=1)]
+                balls.move(near, part.centers)
+                balls, stuck[near] = balls.without(ball), False
+                owner, stuck = owner - (owner > ball), np.delete(stuck, ball)
         return balls
+
+    def _neighbours(self, centers: np.ndarray, ball: int) -> np.ndarray:
+        """Balls whose allowed size reaches that of one of them."""
+        radii = self._allowed(centers)
+        touching = np.linalg.norm(centers - centers[ball], axis=1) < radii + radii[ball]
+        touching[ball] = False
+        return np.flatnonzero(touching)
 
     def _take_over(self, balls: _Balls) -> bool:
         """Move the balls until everything is contained; False where that fails."""
@@ -297,7 +313,7 @@ class _Search:
     def _settle(self, balls: _Balls, owner: np.ndarray, which: np.ndarray | None = None) -> None:
         """Move balls (by default all that own elements) to where their elements need the least excess."""
         which = np.unique(owner) if which is None else which
-        balls.move(which, np.array([self._best_center(self._answers_for(owner, k), balls.centers[k]) for k in which]))
+        balls.move(which, np.array([self._best_center(balls.answers_for(owner, k), balls.centers[k]) for k in which]))
 
     def _best_center(self, points: np.ndarray, center: np.ndarray) -> np.ndarray:
         """The point near ``center`` from which a ball over ``points`` sticks out least: a pattern search, ever finer."""

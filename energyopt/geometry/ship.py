@@ -24,7 +24,7 @@ KINDS = ("mesh", "cover")
 def main() -> None:
     """Compute everything anew, in an empty cache, and write the archive."""
     cache.SHIPPED.unlink(missing_ok=True)
-    cache._shipped_names.cache_clear()
+    cache.shipped_archive.cache_clear()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ENERGYOPT_CACHE"] = folder
         for name in catalogue():
