@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -86,9 +87,20 @@ def _truth(key: str, value: Any) -> None:
 
 
 def _verbose(key: str, value: Any) -> None:
-    if not isinstance(value, bool) and not callable(value):
+    if not isinstance(value, bool) and not _takes(value, 4):
         function = "a function of (phase, iteration, objective, violation)"
         raise InputError(f"{key} is {shown(value)}: expected True, False, or {function}")
+
+
+def _takes(function: Any, count: int) -> bool:
+    """Whether a value can be called with so many arguments; built-in functions that do not tell are believed."""
+    try:
+        inspect.signature(function).bind(*range(count))
+    except TypeError:
+        return False
+    except ValueError:
+        return callable(function)
+    return True
 
 
 _OPTIONS: dict[str, Callable[[str, Any], Any]] = {

@@ -281,6 +281,7 @@ def test_progress_goes_to_the_callback_or_to_standard_error_and_else_nowhere(cap
         ({"seed": "a"}, ["seed is 'a'", "0 or more"]),
         ({"seed": None}, ["seed is None"]),
         ({"seed": 1.5}, ["seed is 1.5", "whole number"]),
+        ({"verbose": lambda phase, iteration: None}, ["verbose is <function", "(phase, iteration, objective, violation)"]),
         ({"verbose": "yes"}, ["verbose is 'yes'", "a function of"]),
         ({"throw": "no"}, ["throw is 'no'", "True or False"]),
         ({"iterations": 0}, ["iterations is 0", "1 or more"]),

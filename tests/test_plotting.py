@@ -235,6 +235,8 @@ def test_wrong_arguments_are_named():
             draw(plan, 5)
     with pytest.raises(InputError, match="'straight' is unknown"):
         eo.plot_metrics(plan, baselines=("straight",))
+    with pytest.raises(InputError, match="baselines is 5: expected a list of kinds"):
+        eo.plot_metrics(plan, baselines=5)
     with pytest.raises(InputError, match="4 kinds at most"):
         eo.plot_metrics(plan, baselines=("quintic",) * 5)
     assert len(eo.plot_metrics(plan, baselines=()).axes[0].get_lines()) == 1

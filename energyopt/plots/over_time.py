@@ -14,6 +14,7 @@ from energyopt.errors import InputError
 from energyopt.metrics import MetricSeries, metrics, metrics_of_log
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plots import look
+from energyopt.problem_values import shown
 from energyopt.verification import objective
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ def plot_metrics(plan: Plan, log: ReplayLog | None = None, baselines: Sequence[s
 
 
 def _ordinary_motions(plan: Plan, baselines: Sequence[str]) -> dict[str, Trajectory]:
+    if not isinstance(baselines, Sequence):
+        raise InputError(f"baselines is {shown(baselines)}: expected a list of kinds, such as ('quintic',)")
     kinds = (baselines,) if isinstance(baselines, str) else tuple(baselines)
     if len(kinds) > len(look.BASELINE_COLOURS):
         raise InputError(f"baselines: expected {len(look.BASELINE_COLOURS)} kinds at most, got {len(kinds)}")

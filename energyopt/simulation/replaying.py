@@ -20,7 +20,7 @@ from energyopt.arguments import check_names, check_plan
 from energyopt.errors import GeometryError, InputError, RobotError, SimulationError
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
-from energyopt.problem_values import real, vector
+from energyopt.problem_values import real, shown, vector
 from energyopt.robots.model import RobotModel
 from energyopt.simulation.contacts import ContactWatch
 from energyopt.simulation.control import ComputedTorque, Feedback, Friction
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 PHYSICS_STEP = 5e-4
 """Time step [s] unless asked otherwise."""
 LARGEST_STEP = 1e-3
+LARGEST_ERROR = 10.0
+"""Of a starting position [rad or m]: farther off, nothing is being followed."""
 MOST_STEPS = 2_000_000
 """Longest replay: about a minute and a gigabyte of log."""
 RUNAWAY, RUNAWAY_ACCELERATION = 1e4, 1e8
@@ -196,4 +198,7 @@ def _plant(robot: RobotModel, plant: RobotModel | None) -> RobotModel:
 
 
 def _initial_error(value: np.ndarray | float, nv: int) -> np.ndarray:
-    return vector("initial_error", value, nv)
+    error = vector("initial_error", value, nv)
+    if np.abs(error).max() > LARGEST_ERROR:
+        raise InputError(f"initial_error is {shown(value)}: expected none beyond {LARGEST_ERROR:g} rad or m")
+    return error
