@@ -15,10 +15,38 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from energyopt.geometry.shapes import SHAPES
+from energyopt.io.avoidance_schema import REGIONS, SIZES, SOLIDS, sizes_of
 from energyopt.io.problem_schema import METHOD, PROBLEM_FILE
 from energyopt.io.schema import ListOf, OneOf, Table
 
 HERE = Path(__file__).resolve().parent
+
+_SHAPE = {
+    "type": "of shape",
+    "radius": "",
+    "length": "of a cylinder from end to end, of a capsule between the centres of its half balls",
+    "size": "full edge lengths, or one for a cube",
+    "normal": "points away from the solid side; any length",
+    "offset": "of the plane along the normal; 0 without it",
+    "mesh": "its convex hull counts; relative to the problem file, inside its folder, at most 20 MB",
+    "scale": "on the coordinates of the mesh, 0.001 for millimetres; 1 without it",
+    "position": "the origin of the {axes} without it",
+    "quaternion": "orientation; along the axes of the {axes} without it and rpy",
+    "rpy": "orientation in the file's angles, in place of quaternion",
+}
+"""Keys of every table that holds a shape."""
+
+
+def _shape_keys(section: str, kinds: tuple[str, ...], axes: str) -> dict[str, str]:
+    """The keys of `_SHAPE` that a section has, with what its positions are measured in."""
+    own = [key for key in _SHAPE if key not in SIZES or any(key in sizes_of(kind) for kind in kinds)]
+    return {f"{section}.{key}": _SHAPE[key].format(axes=axes) for key in own}
+
+
+SECTION_TYPES = {"obstacles": tuple(SHAPES), "workspace": REGIONS, "attached": SOLIDS}
+ARRAYS = ("waypoints", "obstacles", "obstacles.waypoints", "workspace", "attached")
+"""Sections that may stand several times."""
 
 MEANINGS = {
     "name": "name in reports; the file's own name without it",
@@ -54,7 +82,7 @@ MEANINGS = {
     "problem.start": "joint positions at t = 0",
     "problem.goal": "joint positions at the end, or a pose of a frame",
     "problem.goal.frame": "the tool frame without it",
-    "problem.goal.position": "where its origin has to be",
+    "problem.goal.position": "where its origin has to be, in the robot's base",
     "problem.goal.quaternion": "its orientation; free without it and rpy",
     "problem.goal.rpy": "its orientation in the file's angles, in place of quaternion",
     "problem.duration": "T",
@@ -64,6 +92,8 @@ MEANINGS = {
     "problem.goal_velocity": "0 without it",
     "problem.start_acceleration": "0 without it",
     "problem.goal_acceleration": "0 without it",
+    "problem.clearance": "least distance from obstacles, walls, and between links; 0 without it, which asks for no contact",
+    "problem.self_collision": "whether links are kept apart; true without it",
     "limits.position": "for this problem, in place of the robot's",
     "limits.velocity": "for this problem, in place of the robot's",
     "limits.acceleration": "for this problem, in place of the robot's",
@@ -72,6 +102,26 @@ MEANINGS = {
     "limits.torque_rate": "for this problem, in place of the robot's",
     "waypoints.position": "a configuration to pass",
     "waypoints.time": "when; chosen by the optimiser without it, in the order of the list",
+    **_shape_keys("obstacles", tuple(SHAPES), "base"),
+    "obstacles.name": "for reports; its type and number without it",
+    "obstacles.velocity": "constant, in the axes of the base; the pose is then that at t = 0",
+    "obstacles.angular_velocity": "constant, in the axes of the base; degrees per second where the file's angles are in degrees",
+    "obstacles.smooth": "twice differentiable between waypoints; without it straight and at constant rate",
+    "obstacles.waypoints.time": "in planned time; before the first and after the last the obstacle stands still",
+    "obstacles.waypoints.position": "at that time",
+    "obstacles.waypoints.quaternion": "orientation at that time; along the axes of the base without it and rpy",
+    "obstacles.waypoints.rpy": "orientation in the file's angles, in place of quaternion",
+    "workspace": "where to stay: inside a box, on the free side of a half-space",
+    **_shape_keys("workspace", REGIONS, "base"),
+    "workspace.name": "for reports",
+    "workspace.frames": "whose origins are bound; without it the whole of every link that moves",
+    "potential.gain": "k of the repulsive potential U = ½k(1/d − 1/d_safe)², whose integral is added to J",
+    "potential.safe_distance": "d_safe, beyond which nothing is felt",
+    "potential.minimum_distance": "below it U continues as a parabola; a tenth of safe_distance without it",
+    "attached": "a tool or a grasped object, or a list of them; part of what is kept clear, without mass (see robot.payload)",
+    **_shape_keys("attached", SOLIDS, "frame"),
+    "attached.name": "for reports",
+    "attached.frame": "it is fixed to; the tool frame without it",
     "method.parameterization": "how the motion is described; bspline without it",
     "method.degree": "of the spline; 3 without it",
     "method.control_points": "coefficients of a joint to start with; by the duration without it",
@@ -95,15 +145,22 @@ def key_tables() -> str:
         section, _, name = key.rpartition(".")
         if section != heading:
             heading = section
-            title = {"": "Top of the file", "waypoints": "`[[waypoints]]`"}.get(section, f"`[{section}]`")
+            title = f"`[[{section}]]`" if section in ARRAYS else f"`[{section}]`" if section else "Top of the file"
             lines += ["", f"### {title}", "", "| key | value | meaning |", "|---|---|---|"]
         words = expected.replace("|", "\\|")
-        only = [kind for kind, options in METHOD.items() if section == "method" and name in options]
-        meaning = ". ".join(
-            part for part in (MEANINGS[key], f"With {only[0]} only" if only else "", "**Required**" if required else "") if part
-        )
+        only = _owners(section, name)
+        parts = MEANINGS[key], f"With {', '.join(only)} only" if only else "", "**Required**" if required else ""
+        meaning = ". ".join(part for part in parts if part)
         lines.append(f"| `{name}` | {words} | {meaning} |")
     return "\n".join(lines).strip()
+
+
+def _owners(section: str, key: str) -> list[str]:
+    """The methods, or types of shapes, that have a key which not all of them have."""
+    if section == "method":
+        return [kind for kind, options in METHOD.items() if key in options]
+    kinds = SECTION_TYPES.get(section, ()) if key in SIZES else ()
+    return [kind for kind in kinds if key in sizes_of(kind)]
 
 
 def _keys(prefix: str, table: Table, required: bool) -> Iterator[tuple[str, tuple[str, bool]]]:

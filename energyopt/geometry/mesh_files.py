@@ -61,6 +61,8 @@ def _read_bytes(path: Path, max_bytes: int, where: str) -> bytes:
             raise GeometryError(f"{where}: {path!s:.300} is not a regular file; expected a mesh file")
         with open(path, "rb") as file:
             data = file.read(max_bytes + 1)
+    except GeometryError:
+        raise
     except (OSError, ValueError) as error:
         raise GeometryError(f"{where}: {path!s:.300} cannot be read ({error})") from None
     if len(data) > max_bytes:

@@ -35,9 +35,7 @@ def find_problem(path_or_name: str | Path) -> Path:
         FileError: there is none; the message lists the nearest names.
     """
     if not isinstance(path_or_name, (str, Path)):
-        raise FileError(
-            f"load_problem: got {shown(path_or_name)}; expected the path of a TOML file, or a catalogue name"
-        )
+        raise FileError(f"load_problem: got {shown(path_or_name)}; expected the path of a TOML file, or a catalogue name")
     given = str(path_or_name)
     path = Path(given).expanduser() if given.startswith("~/") else Path(given)
     try:

@@ -3,11 +3,13 @@
 angles = "rad"  what angles are in: "rad" (also rad/s …) or "deg"
 [robot]   [robot.payload]   [robot.limits]      which arm, what it holds, how it differs from its file
 [problem]   [limits]   [[waypoints]]            what is asked of it
+[[obstacles]]   [[workspace]]   [potential]   [[attached]]      what to stay clear of (see `avoidance_schema`)
 [method]                                        how to solve it
 """
 
 from __future__ import annotations
 
+from energyopt.io.avoidance_schema import AVOIDANCE, PLACE, YES_NO
 from energyopt.io.schema import Kind, ListOf, OneOf, Table, by_joint, choice, either, integer, is_number, number, numbers, text
 
 _PAIR = numbers("a pair [lower, upper]", 2)
@@ -91,9 +93,7 @@ _CONFIGURATION = either(numbers("a list of joint positions [rad or m]"), Kind('"
 _FRAME_GOAL = Table(
     {
         "frame": text("the name of a link or joint"),
-        "position": numbers("three numbers [m], in the robot's base", 3),
-        "quaternion": numbers("four numbers w, x, y, z of norm 1", 4),
-        "rpy": numbers("three angles: roll, pitch, yaw about the fixed x, y, z axes", 3),
+        **PLACE,
     },
     required=("position",),
 )
@@ -109,6 +109,8 @@ _PROBLEM = Table(
         "goal_velocity": _for_joints("rad/s"),
         "start_acceleration": _for_joints("rad/s²"),
         "goal_acceleration": _for_joints("rad/s²"),
+        "clearance": number("m", low=0),
+        "self_collision": YES_NO,
     },
     required=("start", "goal", "duration"),
 )
@@ -143,6 +145,7 @@ PROBLEM_FILE = Table(
         "problem": _PROBLEM,
         "limits": Table(LIMITS),
         "waypoints": ListOf(_WAYPOINT),
+        **AVOIDANCE,
         "method": _METHOD,
     },
     required=("robot", "problem"),

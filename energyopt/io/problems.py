@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 from energyopt.errors import ProblemError, RobotError
+from energyopt.io.avoidance_section import avoidance_arguments
 from energyopt.io.find import find_problem
+from energyopt.io.poses import rotation_of
 from energyopt.io.problem_schema import METHOD, PLAN_OPTIONS, PROBLEM_FILE
 from energyopt.io.robot_section import build_robot
 from energyopt.io.schema import nearest, validate
 from energyopt.io.toml_text import Document, read_toml, shown
-from energyopt.io.units import ANGULAR, DEGREE, convert, joint_factors
+from energyopt.io.units import ANGULAR, convert, joint_factors
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots import RobotModel
 
 _CLASSES = {"bspline": BSpline, "sinusoid": Sinusoid, "hermite_simpson": HermiteSimpson}
-MOST_TURNED = 3 * np.pi
-"""Roll, pitch and yaw [rad] beyond this are not meant."""
 _ANGULAR_KEYS = ("start", "goal", "start_velocity", "goal_velocity", "start_acceleration", "goal_acceleration")
 
 
@@ -113,6 +113,7 @@ def _problem(document: Document, table: dict[str, Any], robot: RobotModel, angle
         waypoints = tuple(Waypoint(_vector(k, si(w["position"]), robot), w.get("time")) for k, w in listed)
         own = {f"{key}_limits": _limit(document, key, value, robot) for key, value in limits.items()}
         more = {"name": table.get("name", document.path.stem), "origin": partial(key_in_file, document)}
+        more |= avoidance_arguments(document, table, robot, angles)
         return Problem(robot, **asked, **own, **more, waypoints=waypoints)
     except ProblemError as error:
         message = str(error)
@@ -128,16 +129,7 @@ def _vector(k: int, value: Any, robot: RobotModel) -> np.ndarray:
 
 
 def _frame_goal(document: Document, goal: dict[str, Any], robot: RobotModel, angles: str) -> FramePose:
-    if "quaternion" in goal and "rpy" in goal:
-        raise document.error("problem.goal", "has both quaternion and rpy; expected one of them, or none for a free orientation")
-    rotation = goal.get("quaternion")
-    if "rpy" in goal:
-        import pinocchio as pin
-
-        if angles == "rad" and np.max(np.abs(goal["rpy"])) > MOST_TURNED:
-            reason = 'looks like degrees, expected radians: angles = "deg" at the top of the file reads them so'
-            raise document.error("problem.goal.rpy", f"is {shown(goal['rpy'])}; {reason}")
-        rotation = pin.rpy.rpyToMatrix(np.array(goal["rpy"], dtype=float) * (DEGREE if angles == "deg" else 1.0))
+    rotation = rotation_of(document, "problem.goal", goal, angles)
     frame = goal.get("frame", robot.tool_frame)
     try:
         robot.frame_id(frame)

@@ -61,7 +61,7 @@ def validate(document: Document, schema: Table) -> dict[str, Any]:
     Raises:
         ProblemError: names file, line, key, value and expectation; the nearest valid names for an unknown key.
     """
-    _check_table(document, "", document.table, schema)
+    _check_table(document, "", document.table, schema, schema)
     return document.table
 
 
@@ -71,29 +71,38 @@ def nearest(word: str, known: tuple[str, ...]) -> str:
     return f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
 
 
-def _check(document: Document, key: str, value: Any, schema: Kind | Table | ListOf | OneOf) -> None:
+def _home(key: str, root: Table) -> str:
+    """A hint where a key stands in the wrong section: the right one, if there is only one."""
+    sections = {name: kind for name, kind in root.keys.items() if isinstance(kind, Table)}
+    homes = [name for name, section in sections.items() if key in section.keys]
+    if key in root.keys:
+        return "it belongs to the top of the file, before any section" if isinstance(root.keys[key], Kind) else ""
+    return f"it belongs under [{homes[0]}]" if len(homes) == 1 else ""
+
+
+def _check(document: Document, key: str, value: Any, schema: Kind | Table | ListOf | OneOf, root: Table) -> None:
     expected = schema.expected
     if isinstance(schema, OneOf):
         schema = schema.table if isinstance(value, dict) else schema.kind
     if isinstance(schema, Table):
-        _check_table(document, key, value, schema)
+        _check_table(document, key, value, schema, root)
     elif isinstance(schema, ListOf):
         if not isinstance(value, list):
             raise document.error(key, f"is {shown(value)}; expected {schema.expected}, each under [[{key}]]")
         for i, entry in enumerate(value):
-            _check_table(document, f"{key}[{i}]", entry, schema.table)
+            _check_table(document, f"{key}[{i}]", entry, schema.table, root)
     elif not schema.accepts(value):
         raise document.error(key, f"is {shown(value)}; expected {expected}")
 
 
-def _check_table(document: Document, path: str, value: Any, schema: Table) -> None:
+def _check_table(document: Document, path: str, value: Any, schema: Table, root: Table) -> None:
     if not isinstance(value, dict):
         raise document.error(path, f"is {shown(value)}; expected {schema.expected} with the keys {', '.join(schema.keys)}")
     for key, entry in value.items():
         full = f"{path}.{key}" if path else key
         if key not in schema.keys:
-            raise document.error(full, f"is not a known key; {nearest(key, tuple(schema.keys))}")
-        _check(document, full, entry, schema.keys[key])
+            raise document.error(full, f"is not a known key; {_home(key, root) or nearest(key, tuple(schema.keys))}")
+        _check(document, full, entry, schema.keys[key], root)
     for key in schema.required:
         if key not in value:
             full = f"{path}.{key}" if path else key

@@ -18,6 +18,9 @@ LARGEST_NUMBER = 1e100
 
 _HEADER = re.compile(r"\s*\[{1,2}\s*([^\[\]#]+?)\s*\]{1,2}\s*(#.*)?$")
 _KEY = re.compile(r"""\s*((?:[A-Za-z0-9_\-.]|"[^"]*"|'[^']*')+)\s*=""")
+_STEP = re.compile(r"([^.\[\]]+)(?:\[(\d+)\])*")
+_Step = tuple[str, int | None]
+"""A name of a dotted key, and its place in an array of tables where it is one."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,11 @@ class Document:
         """``file:line`` of a dotted key such as "problem.start[2]"; of the nearest enclosing table where it has no line."""
         if key in self.overridden:
             return f"{self.path}, changed by the caller"
-        wanted = tuple(re.sub(r"\[\d+\]", "", key).split("."))
-        index = re.search(r"\[(\d+)\]", key)
+        wanted = [(name, int(index) if index else None) for name, index in _STEP.findall(key)]
         best, line = 0, 0
-        for number, found, nth in _keys(self.text):
+        for number, found in _keys(self.text):
             depth = len(found)
-            fits = found == wanted[:depth] and (index is None or nth in (0, int(index[1]) + 1))
-            if fits and depth > best:
+            if depth > best and all(map(_fits, found, wanted)) and depth <= len(wanted):
                 best, line = depth, number
         return f"{self.path}:{line}" if line else str(self.path)
 
@@ -128,17 +129,32 @@ def _leaves(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield prefix, value
 
 
-def _keys(text: str) -> Iterator[tuple[int, tuple[str, ...], int]]:
-    """Line number, full key, and for a table of an array its place in it (from 1, else 0), for every header and key."""
-    table, nth, counts = (), 0, {}
+def _keys(text: str) -> Iterator[tuple[int, list[_Step]]]:
+    """Line number and path of every header and key: names, and for tables of an array their place in it, from 0."""
+    table: list[_Step] = []
+    counts: dict[str, int] = {}
     for number, line in enumerate(text.split("\n"), start=1):
         if header := _HEADER.match(line):
-            table = _parts(header[1])
-            counts[table] = counts.get(table, 0) + 1
-            nth = counts[table] if line.lstrip().startswith("[[") else 0
-            yield number, table, nth
+            table = _header_path(_parts(header[1]), line.lstrip().startswith("[["), counts)
+            yield number, table
         elif key := _KEY.match(line):
-            yield number, table + _parts(key[1]), nth
+            yield number, table + [(part, None) for part in _parts(key[1])]
+
+
+def _header_path(parts: tuple[str, ...], array: bool, counts: dict[str, int]) -> list[_Step]:
+    """The path of a header; ``counts`` knows how many tables each array has so far, by the path of the array."""
+    path: list[_Step] = []
+    for depth, part in enumerate(parts, start=1):
+        key = repr((path, part))
+        if array and depth == len(parts):
+            counts[key] = counts.get(key, 0) + 1
+        path.append((part, counts[key] - 1 if key in counts else None))
+    return path
+
+
+def _fits(found: _Step, wanted: _Step) -> bool:
+    """Whether a step of a line is the wanted one; a step without place stands for all of its array."""
+    return found[0] == wanted[0] and (found[1] == wanted[1] or None in (found[1], wanted[1]))
 
 
 def _parts(dotted: str) -> tuple[str, ...]:
