@@ -23,6 +23,7 @@ from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Si
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
+from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
 from energyopt.refinement import bisected
 from energyopt.search import DEEP, Search, SearchOptions, Spent
@@ -65,8 +66,10 @@ class Campaign:
     options: SearchOptions
     seed: int
     guess_s: float = 0.0
+    verify_s: float = 0.0
     tried: list[str] = field(default_factory=list)
     spent: Spent = field(default_factory=Spent)
+    _verdict: tuple[Trajectory, Violations] | None = None
     searches: list[Search] = field(default_factory=list)
     current: Search | None = None
 
@@ -197,12 +200,19 @@ class Campaign:
         rough = isinstance(self.parameterization, BSpline) and np.any(self.problem.robot.dynamics.coulomb_friction)
         return self.parameterization.space(self.problem.duration, **({"nodes": ROUGH_NODES} if rough else {}))
 
+    def verdict(self, search: Search) -> Violations:
+        """The dense check of a search's motion, done once a motion."""
+        if self._verdict is None or self._verdict[0] is not search.trajectory:
+            began = time.perf_counter()
+            self._verdict = (search.trajectory, verify(self.problem, search.trajectory))
+            self.verify_s += time.perf_counter() - began
+        return self._verdict[1]
+
     def _holds(self, search: Search) -> bool:
-        return search.converged and is_valid(verify(self.problem, search.trajectory))
+        return search.converged and is_valid(self.verdict(search))
 
     def _excess(self, search: Search) -> float:
-        violations = verify(self.problem, search.trajectory).amount
-        return max(violations.values(), default=0.0)
+        return max(self.verdict(search).amount.values(), default=0.0)
 
     def _refined(self, search: Search) -> Search:
         """Refine until the estimated error is below the accuracy asked; of all levels, the last that holds."""

@@ -103,10 +103,9 @@ def plan(
 
 
 def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
-    began = time.perf_counter()
-    violations = verify(campaign.problem, search.trajectory, **(QUICK if search.outcome is Outcome.INTERRUPTED else {}))
+    stopped = search.outcome is Outcome.INTERRUPTED
+    violations = verify(campaign.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
     terms = cost(campaign.problem, search.trajectory)
-    verify_s = time.perf_counter() - began
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
@@ -121,7 +120,7 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
         violations=violations,
         discretization_error=search.error,
         iterations=spent.iterations,
-        time_s={"compile": compile_s, "build": campaign.guess_s + spent.build_s, "solve": spent.solve_s, "verify": verify_s},
+        time_s={"compile": compile_s, "build": campaign.guess_s + spent.build_s, "solve": spent.solve_s, "verify": campaign.verify_s},
         seed=campaign.seed,
         options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
                             "clearance_rows": len(search.cuts.clearance), "tried": list(campaign.tried), "guess": search.name,
