@@ -21,10 +21,12 @@ from typing import Any
 
 import numpy as np
 
+import energyopt.campaign
 import energyopt.planning
 import energyopt.search
 from energyopt import Problem, RobotModel
 from energyopt.errors import ProblemError
+from energyopt.clearance_checks import check_ends
 from energyopt.feasibility import check_feasibility
 from energyopt.io import write_atomic
 from energyopt.versions import versions
@@ -120,7 +122,7 @@ def machine() -> dict[str, Any]:
 @contextmanager
 def stages_timed_by(clock: Clock):
     """While this runs, `plan` reads ``clock`` where it otherwise reads wall time, so that `Plan.time_s` holds its seconds."""
-    modules = energyopt.planning, energyopt.search
+    modules = energyopt.planning, energyopt.campaign, energyopt.search
     kept = [module.time for module in modules]
     for module in modules:
         module.time = SimpleNamespace(perf_counter=clock, monotonic=time.monotonic)
@@ -131,17 +133,18 @@ def stages_timed_by(clock: Clock):
             module.time = original
 
 
-def random_moves(robot: RobotModel, count: int, seed: int, **options: Any) -> list[Problem]:
-    """Random rest-to-rest moves with all the robot's limits on.
+def random_moves(robot: RobotModel, count: int, seed: int, self_collision: bool = False, **options: Any) -> list[Problem]:
+    """Random rest-to-rest moves with all the robot's limits on; rivals do not know self-collision, so it is off by default.
 
     Start and goal are uniform inside the position limits less 10 % of their range at either side, and inside ±2.5 rad; the
     duration is 1.3 to 1.6 times the least with which a quintic keeps the velocity limits. Moves that no motion can make
-    (an arm too weak to hold its start or goal) are drawn again.
+    (an arm too weak to hold its start or goal, or one that touches itself there) are drawn again.
 
     Args:
         robot: which arm.
         count: how many.
         seed: the same seed gives the same moves.
+        self_collision: whether links are kept apart.
         options: further arguments of `Problem`.
     """
     rng, limits, made = np.random.default_rng(seed), robot.limits, []
@@ -150,9 +153,11 @@ def random_moves(robot: RobotModel, count: int, seed: int, **options: Any) -> li
     for _ in range(MOST_DRAWS * count):
         start, goal = rng.uniform(low, high), rng.uniform(low, high)
         least = QUINTIC_PEAK * np.max(np.abs(goal - start) / limits.velocity)
-        problem = Problem(robot, start, goal, least * rng.uniform(1.3, 1.6), name=f"{robot.name} {len(made)}", **options)
+        options |= {"name": f"{robot.name} {len(made)}", "self_collision": self_collision}
+        problem = Problem(robot, start, goal, least * rng.uniform(1.3, 1.6), **options)
         try:
             check_feasibility(problem)
+            check_ends(problem, goal)
         except ProblemError:
             continue
         made.append(problem)

@@ -33,10 +33,11 @@ def main() -> int:
     made = parser("accuracy", MEASURES)
     made.add_argument("--robot", default="panda")
     made.add_argument("--problems", type=int, default=20, metavar="N")
+    made.add_argument("--self-collision", action="store_true", help="keep the links of the arm apart")
     made.add_argument("--repeats", type=int, default=5, metavar="N", help="timed plans a problem, by either clock")
     made.add_argument("--no-truth", action="store_true", help="leave out the finer solves")
     parsed = made.parse_args()
-    moves = random_moves(eo.load_robot(parsed.robot), parsed.problems, parsed.seed)
+    moves = random_moves(eo.load_robot(parsed.robot), parsed.problems, parsed.seed, parsed.self_collision)
     kernels_of(moves[0].robot.dynamics)
     runs = [_run(move, parsed) for move in moves]
     results = _summary(runs)

@@ -31,7 +31,7 @@ def main() -> int:
 
 
 def _robot(name: str, count: int, seed: int) -> dict:
-    moves = random_moves(eo.load_robot(name), count, seed)
+    moves = random_moves(eo.load_robot(name), count, seed, self_collision=True)
     plans = [eo.plan(move, throw=False) for move in moves]
     solved = [plan for plan in plans if plan.solved]
     compared = {kind: [_compare(plan, kind) for plan in solved] for kind in BASELINES}

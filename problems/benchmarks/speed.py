@@ -28,7 +28,7 @@ def main() -> int:
     parsed = _arguments()
     robot = eo.load_robot(parsed.robot)
     options = {} if parsed.acceleration is None else {"acceleration_limits": parsed.acceleration}
-    moves = random_moves(robot, parsed.problems, parsed.seed, **options)
+    moves = random_moves(robot, parsed.problems, parsed.seed, parsed.self_collision, **options)
     spline = eo.BSpline(degree=parsed.degree, control_points=parsed.control_points, accuracy=None)
     timed_plan(moves[0], spline, "wall")  # loads or compiles the kernels
     runs = [_run(move, spline, parsed, parsed.variants if k < parsed.rivals else []) for k, move in enumerate(moves)]
@@ -40,6 +40,7 @@ def _arguments():
     made = parser("speed", MEASURES)
     made.add_argument("--robot", default="panda")
     made.add_argument("--problems", type=int, default=20, metavar="N")
+    made.add_argument("--self-collision", action="store_true", help="keep the links of the arm apart")
     made.add_argument("--repeats", type=int, default=5, metavar="N", help="timed plans a problem, by either clock")
     made.add_argument("--rivals", type=int, default=10, metavar="N", help="problems on which the textbook runs too")
     made.add_argument("--variants", nargs="*", choices=VARIANTS, default=[v for v in VARIANTS if v != "map_jit"], metavar="NAME",
