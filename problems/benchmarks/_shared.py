@@ -25,8 +25,8 @@ import energyopt.campaign
 import energyopt.planning
 import energyopt.search
 from energyopt import Problem, RobotModel
-from energyopt.errors import ProblemError
 from energyopt.clearance_checks import check_ends
+from energyopt.errors import ProblemError
 from energyopt.feasibility import check_feasibility
 from energyopt.io import write_atomic
 from energyopt.versions import versions
