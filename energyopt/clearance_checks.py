@@ -13,15 +13,19 @@ import numpy as np
 
 from energyopt.avoidance import arm_obstacles, bound_frames, checked_pairs
 from energyopt.clearance import TOLERANCE, Clearance, check_clearance, scene_of, touching
-from energyopt.errors import ProblemError
-from energyopt.geometry.exact import obstacle_names
+from energyopt.geometry.exact import CollisionScene, obstacle_names
 from energyopt.geometry.kinematics import joint_placements
+from energyopt.impossible import impossible
 from energyopt.limit_checks import Finding
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 
 PER_SPAN = 20
 BETWEEN = "–"
+MOUNTING = 0.01
+"""Depth [m] to which an obstacle may reach into links that never move: the table an arm stands on touches its base."""
+BASE_TIMES = 41
+"""Instants at which a moving obstacle is looked at beside those links."""
 
 
 @lru_cache(maxsize=16)
@@ -71,7 +75,8 @@ def clearance_of(problem: Problem, trajectory: Trajectory) -> tuple[Finding, flo
 
 
 def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
-    """Refuse a problem whose start, goal or timed waypoints touch something, or come closer than the clearance.
+    """Refuse a problem whose start, goal or timed waypoints touch something, or come closer than the clearance, or in which
+    an obstacle is where the arm's base is.
 
     Args:
         goal: joint positions of the goal, where they are known.
@@ -79,12 +84,30 @@ def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
     Raises:
         ProblemError: names the pair, the distance or depth, and the remedy.
     """
+    _check_base(problem)
     stations = [("start", problem.start, 0.0)]
     stations += [(f"waypoints[{k}]", w.position, w.time) for k, w in enumerate(problem.waypoints) if w.time is not None]
     if goal is not None:
         stations.append(("goal", goal, problem.duration))
     for where, q, t in stations:
         _check_station(problem, where, q, t)
+
+
+def _check_base(problem: Problem) -> None:
+    robot, obstacles = problem.robot, problem.obstacles
+    scene = CollisionScene(robot, obstacles, (), problem.attached, fixed=True)
+    if not scene.pairs:
+        return
+    times = np.linspace(0.0, problem.duration, BASE_TIMES if any(shape.moves for shape in obstacles) else 1)
+    distance = scene.distances(np.tile(robot.home, (len(times), 1)), times, cutoff=0.0)
+    row, pair = np.unravel_index(np.argmin(distance), distance.shape)
+    if distance[row, pair] < -MOUNTING:
+        link, name = scene.pairs[pair]
+        k = obstacle_names(obstacles).index(name)
+        when = f" at {times[row]:.3g} s" if obstacles[k].moves else ""
+        said = f"'{name}' is {-1e3 * distance[row, pair]:.1f} mm inside '{link}'{when}, a link that never moves"
+        remedy = f"move it (what the arm stands on may reach {1e3 * MOUNTING:g} mm into its base)"
+        raise impossible(problem, f"obstacles[{k}]", f"{said}; {remedy}")
 
 
 def _check_station(problem: Problem, where: str, q: np.ndarray, t: float) -> None:
@@ -103,10 +126,10 @@ def _check_station(problem: Problem, where: str, q: np.ndarray, t: float) -> Non
 def _refuse(problem: Problem, where: str, first: str, second: str, distance: float, own: bool) -> None:
     if distance > TOLERANCE:
         said = f"'{first}' is {1e3 * distance:.1f} mm from '{second}'; clearance asks for {1e3 * problem.clearance:.1f} mm"
-        raise ProblemError(f"{where}: {said}; choose another {where}, or a clearance of at most {distance:.4f}")
+        raise impossible(problem, where, f"{said}; choose another {where}, or a clearance of at most {distance:.4f}")
     depth = "touches" if distance > -TOLERANCE else f"is {-1e3 * distance:.1f} mm inside"
     remedy = f"choose another {where}" + (" (or self_collision=False)" if own else f", or move '{second}'")
-    raise ProblemError(f"{where}: '{first}' {depth} '{second}'; {remedy}")
+    raise impossible(problem, where, f"'{first}' {depth} '{second}'; {remedy}")
 
 
 def _frame_verdicts(problem: Problem, trajectory: Trajectory) -> list[tuple[float, float, str, float]]:

@@ -169,6 +169,7 @@ def _robots(parsed: argparse.Namespace) -> int:
 
 
 def _check(parsed: argparse.Namespace) -> int:
+    from energyopt.clearance_checks import check_ends
     from energyopt.feasibility import check_feasibility
     from energyopt.io import load_task
     from energyopt.robots import load_robot
@@ -180,6 +181,7 @@ def _check(parsed: argparse.Namespace) -> int:
     problem, _ = load_task(parsed.file)
     print(robot_lines(problem.robot))
     check_feasibility(problem)
+    check_ends(problem, problem.goal_position)
     print(f"{problem.name}: a well-formed problem of {problem.duration:g} s; no reason was found why it could not be solved")
     return VALID
 
