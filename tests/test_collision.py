@@ -92,6 +92,14 @@ def test_distances_are_those_of_the_shapes(setting):
         assert d == pytest.approx(expected, abs=1e-12)
 
 
+def test_where_nothing_is_near_the_least_distances_are_those_of_balls_around_links(setting):
+    """And never above the true ones."""
+    arm, scene, q = setting
+    for kernels in kernels_of(arm, scene.obstacles):
+        placed = kernels.place(scene, q)
+        assert np.all(placed.least(-1e3)[0] <= placed.least(1e3)[0] + 1e-12)
+
+
 def test_gradients_and_curvatures_are_those_of_differences(setting):
     """The median over samples: at a few of them a nearest feature changes within the step."""
     arm, scene, q = setting

@@ -100,14 +100,15 @@ class NumpyPlaced:
         gap = gap - arm.link_radius[first] - arm.link_radius[second] - scene.margin
         least[:, column] = gap
         near = np.flatnonzero(gap < cutoff)
+        if not near.size:
+            return
         a, b = (slice(arm.link_start[k], arm.link_start[k + 1]) for k in (first, second))
         away = self._center[near, a][:, :, None] - self._center[near, b][:, None]
         rest = arm.radius[a][:, None] + arm.radius[b] + scene.required_self[a, b]
         d = (np.linalg.norm(away, axis=3) - rest).reshape(len(near), -1)
-        if len(near):
-            i, j = np.unravel_index(d.argmin(axis=1), rest.shape)
-            least[near, column] = d.min(axis=1)
-            pair[near, column] = np.stack([arm.link_start[first] + i, -1 - (arm.link_start[second] + j)], axis=1)
+        i, j = np.unravel_index(d.argmin(axis=1), rest.shape)
+        least[near, column] = d.min(axis=1)
+        pair[near, column] = np.stack([arm.link_start[first] + i, -1 - (arm.link_start[second] + j)], axis=1)
 
     def _near(self) -> tuple[np.ndarray, np.ndarray]:
         """Samples and pairs that may feel a penalty."""

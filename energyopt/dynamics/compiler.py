@@ -182,7 +182,9 @@ def _run(command: list[str], folder: Path) -> None:
 
 def _reason(error: Exception) -> str:
     said = getattr(error, "stderr", None)  # bytes after a timeout
-    text = (said if isinstance(said, str) and said else str(error)).strip().splitlines()
+    code = getattr(error, "returncode", None)
+    usual = str(error) if code is None else f"it ends with the code {code}"
+    text = (said if isinstance(said, str) and said.strip() else usual).strip().splitlines()
     return next((line for line in text if "error" in line), text[0] if text else type(error).__name__)
 
 
