@@ -87,8 +87,8 @@ def plan(
         campaign = Campaign(problem, parameterization, kernels, options, seed)
         try:
             search = campaign.run(starts)
-        except KeyboardInterrupt:
-            search = campaign.interrupted()
+        except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
+            search = campaign.interrupted() if interrupted() else None
             if search is None:
                 raise
         with interrupted.held():

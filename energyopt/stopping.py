@@ -38,10 +38,13 @@ def run(command: Callable[[], int]) -> NoReturn:
     ear = _Ear()
     try:
         code = command()
-    except KeyboardInterrupt:
-        code = INTERRUPTED
     except SystemExit as leave:
         code = leave.code
+    except BaseException as error:
+        # A library may have made another error of the KeyboardInterrupt: an extension module, say, that was being imported.
+        if not (ear.heard or isinstance(error, KeyboardInterrupt)):
+            raise
+        code = INTERRUPTED
     ear.leave(code)
 
 
@@ -49,18 +52,23 @@ class _Ear:
     """Hears SIGINT from its making to the end of the process."""
 
     def __init__(self):
-        self._heard = False
+        self.heard = False
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
+        sys.unraisablehook = self._quiet(sys.unraisablehook)
         signal.signal(signal.SIGINT, self._raise)
         signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, args=(reading,), daemon=True).start()
 
     def _raise(self, *_) -> None:
         """The handler in the main thread; a second signal is not needed."""
-        if not self._heard:
-            self._heard = True
+        if not self.heard:
+            self.heard = True
             raise KeyboardInterrupt
+
+    def _quiet(self, usual: Callable) -> Callable:
+        """Nothing is said of a KeyboardInterrupt that Python could not raise where it came; the other thread ends the process."""
+        return lambda unraisable: None if unraisable.exc_type is KeyboardInterrupt else usual(unraisable)
 
     def _watch(self, reading: int) -> None:
         while signal.SIGINT not in os.read(reading, 64):
@@ -72,7 +80,7 @@ class _Ear:
     def leave(self, code: int | str | None) -> NoReturn:
         """End the process: at once after Ctrl-C, since another thread may be inside a solve that nobody waits for."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        if self._heard or code == INTERRUPTED:
+        if self.heard or code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 stream.flush()
             os._exit(INTERRUPTED)

@@ -118,20 +118,34 @@ def test_the_command_line_ends_with_130_soon_after_ctrl_c_at_every_stage(tmp_pat
     out = tmp_path / "o"
     process = start("-m", "energyopt", "plan", str(tmp_path / "long.toml"), "--no-replay", "--quiet", "--out", str(out))
     code, errors, took = interrupt(process, wait)
-    assert code == 130 and "Traceback" not in errors
+    assert code == 130 and "Traceback" not in errors, errors
     assert took < LATEST + SLACK
     assert not list(out.glob("*.tmp")) if out.exists() else True
     if (out / "plan.npz").exists():
         assert eo.load_plan(out / "plan.npz").status is eo.Status.INTERRUPTED
 
 
+RUN = """
+from pathlib import Path
+from energyopt import io, stopping, workflow
+def progress(phase, iteration, objective, violation):
+    print(iteration, flush=True)
+def command():
+    problem, options = io.load_task(PROBLEM, {})
+    return int(workflow.run(problem, options, Path(OUT), verbose=progress).valid)
+stopping.run(command)
+"""
+
+
 def test_what_was_found_is_saved_as_interrupted(tmp_path):
     (tmp_path / "long.toml").write_text(LONG)
-    process = start("-m", "energyopt", "plan", str(tmp_path / "long.toml"), "--no-replay", "--out", str(tmp_path / "o"))
-    began = time.monotonic()
-    code, _, _ = interrupt(process, 10.0)
-    assert code == 130 and time.monotonic() - began > 10.0
-    plan = eo.load_plan(tmp_path / "o" / "plan.npz")
+    out = tmp_path / "o"
+    process = start("-c", RUN.replace("PROBLEM", repr(str(tmp_path / "long.toml"))).replace("OUT", repr(str(out))))
+    for _ in range(40):
+        assert process.stdout.readline().strip().isdigit()
+    code, _, took = interrupt(process, 0.05)
+    assert code == 130 and took < LATEST + SLACK
+    plan = eo.load_plan(out / "plan.npz")
     assert plan.status is eo.Status.INTERRUPTED and plan.violations.amount["boundary"] < 1e-6
 
 
@@ -145,11 +159,9 @@ def test_a_library_call_that_lasts_does_not_keep_the_command_line_alive():
     assert code == 130 and not errors and took < LATEST + SLACK
 
 
-@pytest.mark.parametrize(
-    "command, code", [("3", 3), ("exit(2)", 2), ("None", 0), ("(_ for _ in ()).throw(KeyboardInterrupt)", 130)]
-)
-def test_without_a_signal_the_exit_code_is_the_commands_own(command, code):
-    process = start("-c", f"from energyopt import stopping; stopping.run(lambda: {command})")
+@pytest.mark.parametrize("does, code", [("return 3", 3), ("exit(2)", 2), ("pass", 0), ("raise KeyboardInterrupt", 130)])
+def test_without_a_signal_the_exit_code_is_the_commands_own(does, code):
+    process = start("-c", f"from energyopt import stopping\ndef command():\n    {does}\nstopping.run(command)")
     process.communicate(timeout=30)
     assert process.returncode == code
 
