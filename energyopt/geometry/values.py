@@ -13,6 +13,8 @@ LARGEST = 1e4
 """Lengths [m] above this are mistakes, most often millimetres taken for metres."""
 ROTATION_SLACK = 1e-6
 """Largest |RᵀR − I| of an accepted rotation matrix; what is accepted is then projected onto the exact rotations."""
+ROUNDING = 1e-14
+"""The same for what a projection gives, which is left as it is: poses that are taken over stay the same to the last bit."""
 
 
 def positive(where: str, value: Any) -> float:
@@ -105,5 +107,7 @@ def _rotation(where: str, block: np.ndarray) -> np.ndarray:
     if off > ROTATION_SLACK or np.linalg.det(block) < 0:
         fault = f"|RᵀR − I| = {off:.2g}" if off > ROTATION_SLACK else "it mirrors (determinant −1)"
         raise GeometryError(f"{where}: its 3×3 block is no rotation, {fault}; expected orthonormal columns, right-handed")
+    if off <= ROUNDING:
+        return block
     left, _, right = np.linalg.svd(block)
     return left @ right

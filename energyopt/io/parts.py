@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from energyopt.dynamics.body import Dynamics
+from energyopt.io.shape_parts import avoidance_arrays, avoidance_from_arrays
 from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots import Limits, RobotModel
 from energyopt.robots.lint import lint_bodies, lint_links
@@ -100,6 +101,7 @@ def problem_arrays(problem: Problem, arrays: Arrays) -> dict[str, Any]:
         "name": problem.name,
         "goal_frame": goal.frame if isinstance(goal, FramePose) else None,
         "waypoint_times": [w.time for w in problem.waypoints],
+        **avoidance_arrays(problem, arrays),
     }
 
 
@@ -131,6 +133,7 @@ def problem_from_arrays(meta: dict[str, Any], robot: RobotModel, arrays: Arrays)
         name=str(meta["name"]),
         **{key: _vector(arrays, key, nv) for key in _VECTORS},
         **limits,
+        **avoidance_from_arrays(meta, arrays),
     )
 
 

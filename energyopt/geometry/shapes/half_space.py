@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from energyopt.errors import GeometryError
 from energyopt.geometry.shapes.shape import Distances, Shape
-from energyopt.geometry.values import LARGEST, pose_matrix, vector
+from energyopt.geometry.values import LARGEST, ROUNDING, pose_matrix, vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,8 @@ class HalfSpace(Shape):
         length = np.linalg.norm(normal)
         if not 1e-9 < length < 1e9:
             raise GeometryError(f"half-space: normal is {normal.tolist()}; expected a direction, not zero")
-        normal = normal / length
+        if abs(length - 1.0) > ROUNDING:
+            normal = normal / length
         normal.flags.writeable = False
         offset = float(vector("half-space: offset", self.offset, ()))
         if abs(offset) > LARGEST:
