@@ -7,16 +7,17 @@ of a shallow overlap. Of all motions that hold, the one of least J is refined.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 import numpy as np
 
 from energyopt.avoidance import Avoidance, arm_obstacles, avoidance_of, bound_frames, planned_pairs
 from energyopt.clearance_checks import check_ends
-from energyopt.dynamics.kernels import Kernels
+from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import ProblemError
 from energyopt.feasibility import check_feasibility
 from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
@@ -30,6 +31,7 @@ from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import Outcome
 from energyopt.verification import is_valid, verify
+from energyopt.workers import call_all
 
 Parameterization = BSpline | Sinusoid | HermiteSimpson
 
@@ -37,6 +39,8 @@ FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
 MOST_FINISHED = 3
 """Searches that are refined, one after another, until one holds."""
+CLOSE, SAME = 1.1, 1e-4
+"""Searches whose first level ends within 10 % of the best are refined as well, unless they ended in the same optimum."""
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
 MOST_LEVELS = 12
@@ -44,6 +48,8 @@ ROUGH_NODES = 10
 """Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 PATH_SECONDS = 8.0
 """Time for the search of one path [s]."""
+WORTH_PROCESSES = 6.0
+"""Estimated time of further searches [s] from which processes, which take seconds to start, are worth it."""
 STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 
 
@@ -70,6 +76,7 @@ class Campaign:
     tried: list[str] = field(default_factory=list)
     spent: Spent = field(default_factory=Spent)
     _verdict: tuple[Trajectory, Violations] | None = None
+    avoidance: Avoidance | None = None
     searches: list[Search] = field(default_factory=list)
     current: Search | None = None
 
@@ -77,7 +84,7 @@ class Campaign:
         """The best search, refined."""
         began = time.perf_counter()
         targets = self._targets()
-        self._avoidance = avoidance_of(self.problem)
+        self.avoidance = avoidance_of(self.problem)
         source = self._attempts(targets)
         self.guess_s = time.perf_counter() - began
         wanted, searches = starts or len(targets), self.searches
@@ -87,6 +94,9 @@ class Campaign:
             searches.append(self._searched(self._space(), attempt))
             if searches[-1].outcome in STOP:
                 break
+            rest = wanted - len(searches)
+            if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
+                searches += self._in_processes(list(islice(source, rest)))
         if searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
@@ -94,14 +104,21 @@ class Campaign:
         return self._best(searches)
 
     def _best(self, searches: list[Search]) -> Search:
-        """The most promising search that, refined, holds; where none does, the least bad."""
+        """Of the most promising searches, refined, the one of least J that holds; where none does, the least bad."""
         ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
-        finished = []
-        for search in ranked[:MOST_FINISHED]:
+        finished: list[Search] = []
+        held: list[Search] = []
+        for k, search in enumerate(ranked[:MOST_FINISHED]):
+            rival = _promising(search) and search.objective <= CLOSE * ranked[0].objective
+            known = any(abs(search.objective - other.objective) <= SAME * search.objective for other in ranked[:k])
+            if held and (known or not rival):
+                continue
             finished.append(self._refined(search))
-            if self._holds(finished[-1]) or finished[-1].outcome in STOP:
-                return finished[-1]
-        return min(finished, key=self._excess)
+            if finished[-1].outcome in STOP:
+                return min(held, key=lambda s: s.objective, default=finished[-1])
+            if self._holds(finished[-1]):
+                held.append(finished[-1])
+        return min(held, key=lambda s: s.objective) if held else min(finished, key=self._excess)
 
     def interrupted(self) -> Search | None:
         """The best search so far, as it stands; None before the first. Nothing is checked: whoever interrupts wants an end."""
@@ -160,13 +177,32 @@ class Campaign:
         self.tried.append(attempt.name)
         return search
 
+    def _in_processes(self, attempts: list[Attempt]) -> list[Search]:
+        """The same searches in worker processes, in the order of the attempts; those already done where an end is wanted."""
+        calls = [(self.problem, self.parameterization, a, self.options.iterations, self.options.deadline) for a in attempts]
+        stop = self.options.stop or (lambda: False)
+        answers = dict(call_all(search_once, calls, os.cpu_count() or 1, stop))
+        found = []
+        for k, attempt in enumerate(attempts):
+            answer = answers.get(k)
+            if isinstance(answer, Search):
+                self.tried.append(attempt.name)
+                self.spent.add(answer.spent)
+                own = {"problem": self.problem, "kernels": self.kernels, "options": self.options, "spent": self.spent}
+                found.append(replace(answer, **own, avoidance=self._relaxed(attempt)))
+            elif not stop():
+                found.append(self._searched(self._space(), attempt))
+        if stop():
+            found.append(replace(self.current, outcome=Outcome.INTERRUPTED))
+        return found
+
     def _relaxed(self, attempt: Attempt) -> Avoidance | None:
         """What is asked of the spheres, given that start, goal and timed waypoints are free."""
-        if self._avoidance is None:
+        if self.avoidance is None:
             return None
         problem = self.problem
         stops = [(0.0, problem.start), (problem.duration, attempt.goal)]
-        return self._avoidance.relaxed(stops + [(w.time, w.position) for w in problem.waypoints if w.time is not None])
+        return self.avoidance.relaxed(stops + [(w.time, w.position) for w in problem.waypoints if w.time is not None])
 
     def _possible(self, targets: list[np.ndarray]) -> list[np.ndarray]:
         """Goal configurations that are not impossible; where all are, the error of the nearest is raised."""
@@ -253,6 +289,17 @@ class Campaign:
                 return "finer knots gave no better motion" if kept.error > accuracy else ""
             levels.append(search.copy())
         return ""
+
+
+def search_once(
+    problem: Problem, parameterization: Parameterization, attempt: Attempt, iterations: int, deadline: float | None
+) -> Search:
+    """The first level from one guess, in a process of its own: without what cannot be sent, or the caller has."""
+    options = SearchOptions(iterations, deadline=deadline)
+    campaign = Campaign(problem, parameterization, kernels_of(problem.robot.dynamics), options, seed=0)
+    campaign.avoidance = avoidance_of(problem)
+    search = campaign._searched(campaign._space(), attempt)
+    return replace(search, problem=None, kernels=None, options=None, avoidance=None)
 
 
 def _promising(search: Search) -> bool:

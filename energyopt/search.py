@@ -72,6 +72,10 @@ class Spent:
     build_s: float = 0.0
     solve_s: float = 0.0
 
+    def add(self, other: Spent) -> None:
+        self.iterations, self.build_s = self.iterations + other.iterations, self.build_s + other.build_s
+        self.solve_s += other.solve_s
+
 
 @dataclass
 class Search:

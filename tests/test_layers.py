@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "errors messages stopping versions",
+    "errors messages stopping versions workers",
     "dynamics",
     "robots",
     "geometry",

@@ -1,0 +1,45 @@
+"""Worker processes answer calls, in order or not, and end when they are told to."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from energyopt import workers
+
+
+def test_every_call_is_answered_once():
+    found = dict(workers.call_all(os.path.join, [("a", str(k)) for k in range(5)], 2))
+    assert found == {k: f"a/{k}" for k in range(5)}
+
+
+def test_an_exception_is_an_answer_and_spoils_no_other():
+    found = dict(workers.call_all(os.listdir, [("/nowhere/at/all",), ("/",)], 1))
+    assert isinstance(found[0], FileNotFoundError) and found[1] == os.listdir("/")
+
+
+def test_a_worker_that_dies_is_named():
+    ((number, answer),) = workers.call_all(os._exit, [(3,)], 1)
+    assert number == 0 and isinstance(answer, workers.WorkerError)
+
+
+def test_stopping_ends_the_workers():
+    began = time.monotonic()
+    assert not list(workers.call_all(time.sleep, [(60.0,)], 1, stop=lambda: time.monotonic() > began + 0.3))
+    assert time.monotonic() - began < 20.0
+
+
+def test_a_script_without_a_main_guard_is_not_run_twice(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "print('once')\nimport os\nfrom energyopt import workers\nprint(dict(workers.call_all(os.path.join, [('a', 'b')], 1)))\n"
+    )
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, env=os.environ, check=False)
+    assert run.stdout == "once\n{0: 'a/b'}\n", run.stderr
+
+
+@pytest.mark.parametrize("processes", [1, 3])
+def test_the_number_of_processes_does_not_change_the_answers(processes):
+    assert sorted(workers.call_all(divmod, [(k, 3) for k in range(4)], processes)) == [(k, divmod(k, 3)) for k in range(4)]
