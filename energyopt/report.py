@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energyopt.io import write_atomic
-from energyopt.plans import Plan, Status
+from energyopt.plans import Plan, Status, Violations
 from energyopt.plots.svg import inline_svg
 from energyopt.plotting import plot_joints, plot_metrics
 from energyopt.report_parts import Cell, Markup, definitions, escape, numbers, percent, plain_name, section, table
@@ -142,19 +142,29 @@ def _limits(plan: Plan, report: ValidationReport) -> str:
     violations, broken, rows = report.violations, excessive(report.violations), []
     for name, amount in violations.amount.items():
         joint, time = violations.worst.get(name, ("", 0.0))
-        margin = violations.margin.get(name)
+        margin = _least_distance(violations) if name == "clearance" else _margin_words(violations.margin.get(name))
         allowed = (
             f"{RELATIVE_TOLERANCES[name]:g} % of limit" if name in RELATIVE_TOLERANCES else f"{TOLERANCES[name]:g} {_unit(name)}"
         )
         rows.append([
-            plain_name(name), Cell("–" if margin is None else _margin(margin), "n"), joint or "–", Cell(f"{time:.3f} s", "n"),
+            plain_name(name), Cell(margin, "n"), joint or "–", Cell(f"{time:.3f} s", "n"),
             Cell(f"{amount:.2g} {_unit(name)}", "n"), Cell(allowed, "n"), _where(plan, name), _ok(name not in broken),
         ])  # fmt: skip
     head = ["Limit or condition", "Least margin|n", "Where", "When|n", "Excess|n", "Allowed|n", "Holds", ""]
     text = (
-        "Margins are in per cent of the limit; of a position, in per cent of half its range. Limits that are not set have no row."
+        "Margins are in per cent of the limit; of a position, in per cent of half its range; of the clearance, the distance of "
+        "the closest pair. Limits that are not set have no row."
     )
     return section("Limits and conditions", table(head, rows), text)
+
+
+def _margin_words(margin: float | None) -> str:
+    return "–" if margin is None else _margin(margin)
+
+
+def _least_distance(violations: Violations) -> str:
+    """Of the closest pair, over the whole motion."""
+    return f"{1e3 * violations.distance:.1f} mm".replace("-", "−")
 
 
 def _margin(margin: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from energyopt.geometry.exact import obstacle_names
 from energyopt.problem import FramePose, Problem
 from energyopt.report_parts import Cell, Markup, definitions, section, table
 
@@ -33,7 +34,28 @@ def _asked(problem: Problem) -> Markup:
         ("Coulomb friction", dynamics.coulomb_friction, "N·m"),
     ):
         facts[name] = f"{_values(value)} {unit}" if np.any(value) else "none"
-    return section("What was asked", definitions(facts))
+    return section("What was asked", definitions(facts | _kept_clear(problem)))
+
+
+def _kept_clear(problem: Problem) -> dict[str, str]:
+    """What the arm keeps clear of; nothing where that is only itself, with no distance asked."""
+    facts = {}
+    for name, shape in zip(obstacle_names(problem.obstacles), problem.obstacles, strict=True):
+        pose, moves = shape.pose_at(0.0), ", moving" if shape.moves else ""
+        facts[f"Obstacle {name}"] = f"{shape.kind} at {_values(pose[:3, 3])} m{moves}"
+    for item in problem.workspace:
+        bound = ", ".join(item.frames) or "the whole arm"
+        facts[f"Workspace {item.region.name}".strip()] = f"{item.region.kind} for {bound}"
+    for item in problem.attached:
+        facts[f"Attached {item.name}"] = f"{item.shape.kind} at {item.frame or problem.robot.tool_frame}"
+    if problem.potential is not None:
+        own = problem.potential
+        facts["Repulsive potential"] = f"gain {own.gain:.4g} N²·m⁴, felt below {own.safe_distance:.4g} m"
+    if facts or problem.clearance:
+        facts["Clearance"] = f"{problem.clearance:.4g} m"
+    if not problem.self_collision:
+        facts["Self-collision"] = "allowed"
+    return facts
 
 
 def _joints(problem: Problem) -> Markup:

@@ -18,11 +18,10 @@ def outcome_table(outcome: Outcome) -> str:
     """Status, objective, joules, saving, worst margin of each limit, replay error, times, files."""
     plan = outcome.plan
     robot = plan.problem.robot
-    share = plan.cost_terms.get("velocity_squared", 0.0) / plan.objective if plan.objective > 0 else 0.0
     rows = [
         ("status", f"{plan.status.value}: {plan.message}"),
         ("motion", f"{robot.name}, {robot.nv} joints, {plan.duration:g} s"),
-        ("objective J", f"{plan.objective:.6g}, of which {100 * share:.1f} % for velocity{_estimate(outcome)}"),
+        ("objective J", f"{plan.objective:.6g}, of which {_shares(outcome)}{_estimate(outcome)}"),
         ("mechanical energy", _energy(outcome)),
         (f"against {REFERENCE}", _saving(outcome)),
         *_margins(outcome),
@@ -61,6 +60,14 @@ def robot_lines(robot: RobotModel) -> str:
         position = f"{limits.lower[i]:8.4g} to {limits.upper[i]:8.4g}"
         lines.append(f"  {name:<{width}}  {position}   velocity {limits.velocity[i]:6.4g}   torque {limits.torque[i]:6.4g}")
     return "\n".join(lines + [f"  note: {note}" for note in robot.notes])
+
+
+def _shares(outcome: Outcome) -> str:
+    """What of J is not torque, in %."""
+    terms, whole = outcome.plan.cost_terms, outcome.plan.objective
+    words = {"velocity_squared": "for velocity", "potential": "for nearness to obstacles"}
+    percent = lambda term: 100 * terms[term] / whole if whole > 0 else 0.0
+    return " and ".join(f"{percent(term):.1f} % {said}" for term, said in words.items() if term in terms)
 
 
 def _estimate(outcome: Outcome) -> str:
