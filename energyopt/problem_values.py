@@ -31,10 +31,13 @@ def whole(key: str, value: Any, low: int, high: int, expected: str = "") -> int:
 
 def real(key: str, value: Any, accepts: Callable[[float], bool], expected: str) -> float:
     """One number that ``accepts`` accepts; ``expected`` says it in words."""
-    good = isinstance(value, Real) and not isinstance(value, bool) and accepts(float(value))
-    if not good:
+    try:
+        number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    except OverflowError:  # a whole number of hundreds of digits
+        number = None
+    if number is None or not accepts(number):
         raise ProblemError(f"{key} is {shown(value)}: expected {expected}")
-    return float(value)
+    return number
 
 
 def vector(key: str, value: ArrayLike, joints: Sequence[str] | int, scalar: bool = True, also: str = "") -> np.ndarray:
@@ -74,7 +77,7 @@ def numbers(key: str, value: ArrayLike, expected: str) -> np.ndarray:
     """Any array of real numbers as floats; None, texts, truth values and ragged lists are none."""
     try:
         array = np.array(value)
-    except (TypeError, ValueError):
+    except Exception:  # an object that says it is an array, and is none, may raise anything
         array = np.array(None)
     if array.dtype.kind not in "iuf":
         raise ProblemError(f"{key} is {shown(value)}: expected {expected}")

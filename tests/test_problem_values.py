@@ -15,6 +15,16 @@ def problem(**options):
     return eo.Problem(arms.two_link(), **{"start": [0.0, 0.1], "goal": [0.5, 0.2], "duration": 1.0, **options})
 
 
+class NoArray:
+    """Such as a tensor that refuses to become an array."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError("not on this device")
+
+    def __repr__(self):
+        return "a tensor on another device"
+
+
 BAD_PROBLEMS = {
     "robot by name": ({"robot": "panda"}, "robot is 'panda'", "load_robot"),
     "no start": ({"start": None}, "start is None", "2 numbers"),
@@ -31,6 +41,8 @@ BAD_PROBLEMS = {
     "no duration": ({"duration": None}, "duration is None", "seconds"),
     "text as duration": ({"duration": "1"}, "duration is '1'", "one number of seconds, 0.001 to 10000"),
     "two durations": ({"duration": [1.0, 2.0]}, "duration is [1.0, 2.0]"),
+    "a duration of hundreds of digits": ({"duration": 10**400}, "duration is 1000000", "0.001 to 10000"),
+    "an array that is none": ({"start": NoArray()}, "start is a tensor on another device", "2 numbers"),
     "nan duration": ({"duration": NAN}, "duration is nan"),
     "too long": ({"duration": 1e9}, "duration is 1000000000.0", "0.001 to 10000"),
     "no weight": ({"velocity_weight": None}, "velocity_weight is None", "one number or 2 numbers"),

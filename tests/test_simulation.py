@@ -270,6 +270,7 @@ def test_a_diverging_replay_is_one_clear_line_and_leaves_no_file(panda, gains, t
         ({"stiffness": "stiff"}, "stiffness is 'stiff'"),
         ({"damping": None}, "damping is None: expected one finite number"),
         ({"initial_error": [1.0, 2.0]}, "initial_error: expected 7 numbers, got 2 numbers"),
+        ({"collisions": "yes"}, "collisions is 'yes': expected True, False, or None"),
         ({"initial_error": 1e300}, "initial_error is 1e.300: expected none beyond 10"),
         ({"initial_error": "none"}, "initial_error is 'none': expected one number or 7 numbers"),
         ({"initial_error": np.nan}, r"initial_error\[0\] is nan"),

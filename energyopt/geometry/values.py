@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from energyopt.errors import GeometryError
-from energyopt.robots.messages import shown
+from energyopt.robots.messages import as_numbers, shown
 
 LARGEST = 1e4
 """Lengths [m] above this are mistakes, most often millimetres taken for metres."""
@@ -48,10 +48,9 @@ def vector(where: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         GeometryError: another shape, not numbers, or not finite.
     """
     expected = "one number" if shape == () else f"{'×'.join(map(str, shape))} numbers"
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise GeometryError(f"{where} is {shown(value)}; expected {expected}") from None
+    array = as_numbers(value)
+    if array is None:
+        raise GeometryError(f"{where} is {shown(value)}; expected {expected}")
     if array.shape != shape:
         raise GeometryError(f"{where} has the shape {array.shape}; expected {expected}")
     if not np.isfinite(array).all():

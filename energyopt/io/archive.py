@@ -18,6 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from energyopt.errors import FileError
+from energyopt.robots.messages import shown
 
 MAX_FILE_BYTES = 200_000_000
 MAX_CONTENT_BYTES = 400_000_000
@@ -130,7 +131,7 @@ def _member(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.n
 
 def _named(path: str | Path) -> Path:
     if not isinstance(path, (str, Path)) or not str(path) or "\0" in str(path):
-        raise FileError(f"{path!r:.100}: expected the name of a file")
+        raise FileError(f"{shown(path)}: expected the name of a file")
     return Path(path)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory, gauss_on_spans
-from energyopt.problem_values import real, shown, whole
+from energyopt.problem_values import numbers, real, shown, whole
 
 MOST_CONTROL_POINTS = 2000
 
@@ -72,15 +72,11 @@ class BSpline:
 
 def _breakpoints(given: Sequence[float]) -> tuple[float, ...]:
     """The ``knots`` of a `BSpline` as numbers; that they end at the duration is seen later."""
-    try:
-        breaks = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        breaks = np.empty(0)
+    expected = f"increasing times [s] from 0 to the duration, 5 to {MOST_CONTROL_POINTS}"
+    breaks = numbers("BSpline knots", given, expected)
     rising = breaks.ndim == 1 and 5 <= len(breaks) <= MOST_CONTROL_POINTS and breaks[0] == 0 and np.all(np.diff(breaks) > 0)
     if not rising or not np.isfinite(breaks).all():
-        raise ProblemError(
-            f"BSpline knots is {shown(given)}: expected increasing times [s] from 0 to the duration, 5 to {MOST_CONTROL_POINTS}"
-        )
+        raise ProblemError(f"BSpline knots is {shown(given)}: expected {expected}")
     return tuple(breaks.tolist())
 
 

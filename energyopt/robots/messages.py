@@ -18,7 +18,7 @@ def as_numbers(value: Any) -> np.ndarray | None:
     """Any array of real numbers as floats; None for what holds texts, None, truth values, or is ragged."""
     try:
         array = np.array(value)
-    except (TypeError, ValueError):
+    except Exception:  # an object that says it is an array, and is none, may raise anything
         return None
     return array.astype(float) if array.dtype.kind in "iuf" else None
 

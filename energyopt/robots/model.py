@@ -106,7 +106,7 @@ class RobotModel:
         Raises:
             RobotError: no such frame; the message lists the nearest names.
         """
-        matches = [i for i, f in enumerate(self.model.frames) if f.name == frame]
+        matches = [i for i, f in enumerate(self.model.frames) if isinstance(frame, str) and f.name == frame]
         if not matches:
             raise RobotError(f"{self.name}: no frame named {shown(frame)}; {self._frame_hint(frame)}")
         return max(matches, key=lambda i: self.model.frames[i].type == pin.FrameType.BODY)

@@ -110,6 +110,8 @@ def replay_trajectory(
 
 def _engine(problem: Problem, plant: RobotModel, collisions: bool | None) -> tuple[Engine, str]:
     """The compiled model, and in words what is watched for contact."""
+    if not (collisions is None or isinstance(collisions, bool)):
+        raise InputError(f"collisions is {shown(collisions)}: expected True, False, or None")
     if collisions is False:
         return build_engine(plant), "not looked for: switched off"
     try:

@@ -13,6 +13,7 @@ from energyopt.errors import GeometryError
 from energyopt.geometry.shapes.round import corner_derivatives, corner_distance
 from energyopt.geometry.shapes.shape import Distances, Shape
 from energyopt.geometry.values import LARGEST, vector
+from energyopt.robots.messages import as_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class Box(Shape):
     kind: ClassVar[str] = "box"
 
     def __post_init__(self):
-        size = np.full(3, self.size) if np.ndim(self.size) == 0 and not isinstance(self.size, str) else self.size
+        size = as_numbers(self.size)
+        size = self.size if size is None or size.ndim else np.full(3, size)
         size = vector("box: size", size, (3,))
         if not np.all((size > 0) & (size <= LARGEST)):
             raise GeometryError(f"box: size is {size.tolist()}; expected three positive edge lengths [m], at most {LARGEST:g}")
