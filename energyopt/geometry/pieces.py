@@ -24,7 +24,7 @@ CUTS = (0.25, 0.4, 0.5, 0.6, 0.75)
 """Where cuts are tried, as shares of the extent along an axis."""
 THINNEST = 1e-3
 """Pieces must be at least this thick [m]: thinner ones make poor bodies."""
-SAMPLED_TRIANGLES = 2000
+SAMPLED_TRIANGLES = 600
 """Cuts are chosen by looking at so many of the mesh's triangles, and made with all of them."""
 MANY_CORNERS = 300
 SIMPLIFIED = 5e-4
@@ -48,7 +48,7 @@ def _split(corners: np.ndarray, depth: int) -> list[np.ndarray]:
     hull = _hull(points)
     if hull is None:
         return [points]
-    cut = _best_cut(corners[:: -(-len(corners) // SAMPLED_TRIANGLES)], points[hull.vertices], hull.volume) if depth else None
+    cut = _best_cut(corners[:: -(-len(corners) // SAMPLED_TRIANGLES)], points[hull.vertices]) if depth else None
     if cut is None:
         return [_simplified(points[hull.vertices])]
     axis, offset = cut
@@ -56,8 +56,9 @@ def _split(corners: np.ndarray, depth: int) -> list[np.ndarray]:
     return [piece for half in halves for piece in _split(half, depth - 1)]
 
 
-def _best_cut(corners: np.ndarray, outline: np.ndarray, volume: float) -> tuple[np.ndarray, float] | None:
+def _best_cut(corners: np.ndarray, outline: np.ndarray) -> tuple[np.ndarray, float] | None:
     """The plane axis·x = offset whose two halves have the least volume, if that saves enough."""
+    volume = _volume(corners)
     least, best = min((1.0 - SAVING) * volume, volume - SMALLEST_SAVING), None
     for axis in np.linalg.svd(outline - outline.mean(axis=0), full_matrices=False)[2]:
         low, high = (outline @ axis).min(), (outline @ axis).max()
@@ -124,7 +125,7 @@ def _clip(corners: np.ndarray, axis: np.ndarray, offset: float) -> np.ndarray:
 def _volume(corners: np.ndarray) -> float:
     """Of the hull; infinite where it is too thin to be a piece."""
     hull = _hull(corners.reshape(-1, 3))
-    if hull is None or np.linalg.svd(hull.points - hull.points.mean(axis=0), compute_uv=False)[2] == 0:
+    if hull is None:
         return np.inf
     spans = hull.points[hull.vertices] @ hull.equations[:, :3].T
     return hull.volume if np.ptp(spans, axis=0).min() > THINNEST else np.inf

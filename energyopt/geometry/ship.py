@@ -7,7 +7,6 @@ To be run where `cache.VERSION` was raised, or a robot added; a test says so.
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -26,7 +25,7 @@ def main() -> None:
     cache.SHIPPED.unlink(missing_ok=True)
     cache.shipped_archive.cache_clear()
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["ENERGYOPT_CACHE"] = folder
+        cache.cache_folder = lambda: Path(folder)
         for name in catalogue():
             print(f"{name}: {robot_spheres(load_robot(name)).summary()}", flush=True)
         arrays = {}
