@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mbm_files
 import pytest
 
 import energyopt as eo
@@ -17,6 +18,7 @@ SUITES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
 SMALL = {
     "accuracy": ["--robot", "twodof", "--problems", "2", "--repeats", "1"],
     "kernels": ["--robots", "twodof", "--casadi", "twodof", "--repeats", "1", "--no-compilation"],
+    "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "savings": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
@@ -44,6 +46,8 @@ def measured(tmp_path_factory):
             if suite == "startup":
                 (folder / "swing.toml").write_text(TWODOF)
                 arguments += ["--problem", str(folder / "swing.toml")]
+            if suite == "mbm":
+                mbm_files.small_set(folder / "clutter")
             path = folder / f"{suite}.json"
             command = [sys.executable, str(FOLDER / f"{suite}.py"), *arguments, "--json", str(path)]
             environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
@@ -123,6 +127,35 @@ def test_savings_name_their_baselines(measured):
         assert (
             found["least_objective_percent_where_limits_hold"] is None or found["least_objective_percent_where_limits_hold"] > 0
         ), name
+
+
+def test_clutter_is_judged_apart_from_its_planner(measured):
+    """Two robots, one of them an arm of two; a goal inside a post counts for nothing."""
+    printed, written = measured("mbm")
+    results = written["results"]
+    total, (left, turn, blocked) = results["total"], results["problems"]
+    assert (total["problems"], total["valid_ends"], total["solved_and_valid"], total["false_successes"]) == (3, 2, 2, 0)
+    assert set(results["groups"]) == {"baxter made", "ur5 made", "all"} and blocked["status"] == "INVALID_ENDS"
+    assert "goal: forearm_link touches post" in blocked["why"] and "ur5_0002: INVALID_ENDS" in printed
+    for record in (left, turn):
+        assert record["duration_s"] == pytest.approx(1.5 * record["least_duration_s"])
+        assert record["judged"]["clearance"] > 0.0 and not record["baseline"]["faults"]
+        assert record["judged"]["torque_squared"] == pytest.approx(record["plan"]["torque_squared"], rel=1e-3), "another grid"
+        assert record["saving"]["torque_squared"] > 0.0
+        for clock in ("wall", "cpu"):
+            plan, path, both = (record["seconds"][part][clock] for part in ("plan", "path", "all"))
+            assert plan > 0.0 and path > 0.0 and both == plan + path
+
+
+def test_clutter_that_is_not_there_is_named(tmp_path):
+    command = [sys.executable, str(FOLDER / "mbm.py")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    environment.pop("ENERGYOPT_MBM", None)
+    run = lambda *more: subprocess.run([*command, *more], env=environment, capture_output=True, text=True, check=False)
+    done = run()
+    assert done.returncode == 0 and "set ENERGYOPT_MBM" in done.stdout
+    done = run(str(tmp_path))
+    assert done.returncode == 2 and "holds no .json file" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_random_moves_are_seeded_and_stay_off_the_limits(monkeypatch):

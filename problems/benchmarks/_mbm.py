@@ -27,13 +27,17 @@ KEYS = ("id", "robot", "frame", "joint_names", "q_start", "q_goal", "fixed_joint
 
 
 class MbmProblem(NamedTuple):
-    """One problem: its name, the arm with its other joints locked, obstacles in the base, start and goal [rad], (nv,)."""
+    """One problem: its name, the arm with its other joints locked, obstacles in the base, start and goal [rad], (nv,).
+
+    ``entry`` is the problem as the file has it.
+    """
 
     id: str
     robot: RobotModel
     obstacles: tuple[Shape, ...]
     start: np.ndarray
     goal: np.ndarray
+    entry: Mapping[str, Any]
 
 
 def read_mbm(folder: str | Path, urdfs: Mapping[str, str | Path] | None = None) -> Iterator[MbmProblem]:
@@ -136,7 +140,7 @@ def _problem(entry: Mapping[str, Any], robot: RobotModel) -> MbmProblem:
     if frame.parentJoint != 0:
         raise FileError(f"{entry['id']}: frame '{entry['frame']}' moves with a joint; expected a link that does not move")
     base = frame.placement.homogeneous
-    return MbmProblem(entry["id"], robot, tuple(_obstacle(o, base) for o in entry["obstacles"]), start, goal)
+    return MbmProblem(entry["id"], robot, tuple(_obstacle(o, base) for o in entry["obstacles"]), start, goal, entry)
 
 
 def _obstacle(entry: Mapping[str, Any], base: np.ndarray) -> Shape:
