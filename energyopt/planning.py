@@ -22,6 +22,7 @@ from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.search import Progress, Search, SearchOptions
 from energyopt.solvers import Interrupts, Outcome
+from energyopt.threads import single_thread
 from energyopt.verification import cost, describe, is_valid, verify
 
 _STATUS = {
@@ -82,7 +83,7 @@ def plan(
     deadline = None if time_limit is None else time.monotonic() + time_limit
     settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
                 "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
-    with Interrupts() as interrupted:
+    with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
         campaign = Campaign(problem, parameterization, kernels, options, seed)
         try:

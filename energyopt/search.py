@@ -38,6 +38,8 @@ HINGE_DEPTH = 1e-2
 STIFFNESS = (0.03, 0.3, 3.0, 30.0)
 HARD, HARD_BAND = 20.0, 1e-3
 """How much stiffer the hinge is at the end, and the distance [m] at which it begins then."""
+ROUGH_TOLERANCE = 1e-3
+"""Of solves whose motion is only the start of another."""
 CHANGED = 1e-2
 """Relative change of J by clearing a motion from which its discretisation is judged anew."""
 DEEP = 5e-3
@@ -252,7 +254,9 @@ class Search:
 
     def _solver_options(self, barrier: float) -> IpoptOptions:
         options = self.options
-        return IpoptOptions(options.tolerance, options.iterations, barrier, options.remaining())
+        rough = self.stiffness and not self.hard  # the motion is solved again, with a stiffer penalty
+        tolerance = max(options.tolerance, ROUGH_TOLERANCE) if rough else options.tolerance
+        return IpoptOptions(tolerance, options.iterations, barrier, options.remaining())
 
     def _reporter(self):
         progress = self.options.progress

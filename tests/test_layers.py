@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "errors messages stopping versions workers",
+    "errors messages stopping threads versions workers",
     "dynamics",
     "robots",
     "geometry",
@@ -25,7 +25,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "simulation",
     "metrics",
     "validation validation_text",
-    "plots plotting report report_parts report_problem",
+    "plots plotting report report_parts report_problem report_scene",
     "workflow",
     "tables",
     "cli",

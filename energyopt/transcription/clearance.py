@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from energyopt.avoidance import RESERVE, Avoidance
 from energyopt.clearance_checks import exact_distances, motion_clearance
@@ -92,7 +93,7 @@ class ClearanceTerms:
 
     def evaluate(self, x):
         count, penalised = self._unknowns.count, len(self._weight)
-        q = self._offset + self._share.T @ x[: count * self._nv].reshape(count, self._nv)
+        q = self._offset + self._spread @ x[: count * self._nv].reshape(count, self._nv)
         if penalised:
             self._placed = self._penalised(q[:penalised])
             self._penalty = self._placed.penalty(derivatives=self._bent_last)
@@ -109,7 +110,7 @@ class ClearanceTerms:
     def gradient(self):
         if not self.priced:
             return None
-        return (self._share[:, : len(self._weight)] @ (self._weight[:, None] * self._bent()[1])).ravel()
+        return (self._gather @ (self._weight[:, None] * self._bent()[1])).ravel()
 
     def curvature(self, x, sigma, multipliers):
         nv, parts = self._nv, []
@@ -130,20 +131,22 @@ class ClearanceTerms:
     def _lay_out(self, space: MotionSpace, times: np.ndarray) -> None:
         """Shares β (count, K), their products by pairs of blocks, and the entries of the rows."""
         u, nv = self._unknowns, self._nv
-        self._share, self._offset = np.zeros((u.count, len(times))), np.zeros((len(times), nv))
+        share, self._offset = np.zeros((u.count, len(times))), np.zeros((len(times), nv))
         if len(times):
             columns, values = space.basis(times, 1)
             block, values = u.block[columns], values[:, 0]
             self._offset = np.einsum("kl,kli->ki", values, u.offset[columns])
             sample, place = np.nonzero(block >= 0)
-            np.add.at(self._share, (block[sample, place], sample), values[sample, place])
-        meets = (self._share != 0).astype(float)
-        first, second = np.nonzero(np.triu(meets @ meets.T))
+            np.add.at(share, (block[sample, place], sample), values[sample, place])
+        # Each instant touches few blocks: sparse products, which also leave the threads of dense ones alone.
+        self._spread, self._gather = csr_array(share.T), csr_array(share[:, : len(self._weight)])
+        there = csr_array(share != 0).astype(float)
+        first, second = np.nonzero(np.triu((there @ there.T).toarray()))
         self._meet = np.stack([first, second], axis=1)
-        self._products = self._share[first] * self._share[second]
+        self._products = csr_array(share[first] * share[second])
         upper = np.triu(np.ones((nv, nv), bool))
         self._kept = np.where((first == second)[:, None, None], upper, True)
-        own = self._share[:, len(self._weight) + self._row_sample].T if len(self._pairs) else np.zeros((0, u.count))
+        own = share[:, len(self._weight) + self._row_sample].T if len(self._pairs) else np.zeros((0, u.count))
         self._entry_row, self._entry_block = np.nonzero(own)
         self._entry_share = own[self._entry_row, self._entry_block]
 
