@@ -37,8 +37,10 @@ _HOME = {
     "load_problem": "io",
     "load_robot": "robots",
     "plan": "planning",
+    "plot_clearance": "plotting",
     "plot_joints": "plotting",
     "plot_metrics": "plotting",
+    "plot_scene": "plotting",
     "replay": "simulation",
     "validate": "validation",
 }

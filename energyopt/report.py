@@ -16,6 +16,7 @@ from energyopt.plots.svg import inline_svg
 from energyopt.plotting import plot_joints, plot_metrics
 from energyopt.report_parts import Cell, Markup, definitions, escape, numbers, percent, plain_name, section, table
 from energyopt.report_problem import problem_sections
+from energyopt.report_scene import scene_sections
 from energyopt.sampling import polynomial_pieces
 from energyopt.validation import verdict
 from energyopt.verification import LIMIT_NAMES, RELATIVE_TOLERANCES, TOLERANCES, UNITS, excessive
@@ -54,6 +55,7 @@ def report_page(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> 
         _headline(plan, report),
         _baselines(plan, report),
         _figure("How it moves", plot_metrics(plan, log), "over-time", "Power, acceleration, energy and velocity over time."),
+        *scene_sections(plan, log),
         _limits(plan, report),
         _figure("Joints against their limits", plot_joints(plan, log), "joints", "Position, velocity and torque of every joint."),
         _checks(report),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from energyopt.robots import RobotModel
+from energyopt.verification import excessive
 from energyopt.workflow import Outcome
 
 REFERENCE = "quintic"
@@ -89,7 +90,8 @@ def _energy(outcome: Outcome) -> str:
 def _saving(outcome: Outcome) -> str:
     other = outcome.report.baselines[REFERENCE]
     objective, energy = (_percent(x) for x in (other.saving_percent, other.energy_saving_percent))
-    holds = "which holds the limits" if other.within_limits else "which breaks a limit"
+    breaks = "which touches something" if "clearance" in excessive(other.violations) else "which breaks a limit"
+    holds = "which holds the limits" if other.within_limits else breaks
     theirs = f"J {other.objective:.4g}, {other.metrics.mechanical_abs_J:.4g} J of mechanical energy"
     same = f"same {outcome.plan.duration:g} s; {theirs}, {holds}"
     return f"J {objective} (motor heat goes with torque squared), mechanical energy {energy}; {same}"

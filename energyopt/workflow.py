@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 MARKER = ".energyopt"
 """File that marks a folder as written by energyopt: only in such a folder are files replaced."""
 DATA_FILES = ("plan.npz", "summary.json", "trajectory.csv", "joint_trajectory.json")
-FIGURE_FILES = ("metrics.png", "joints.png", "report.html")
+FIGURE_FILES = ("metrics.png", "joints.png", "clearance.png", "scene.png", "report.html")
+"""The pictures of clearance and scene are drawn where there are obstacles or walls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,12 +215,16 @@ def _write_motion(plan: Plan, out: Path) -> None:
 def _draw(plan: Plan, log: ReplayLog | None, report: ValidationReport, out: Path) -> None:
     import io
 
-    from energyopt.plotting import plot_joints, plot_metrics
+    from energyopt.plotting import plot_clearance, plot_joints, plot_metrics, plot_scene
     from energyopt.report import report_page
+    from energyopt.report_scene import has_surroundings
 
-    for draw, name in ((plot_metrics, "metrics.png"), (plot_joints, "joints.png")):
+    figures = {"metrics.png": lambda: plot_metrics(plan, log), "joints.png": lambda: plot_joints(plan, log)}
+    if has_surroundings(plan):
+        figures |= {"clearance.png": lambda: plot_clearance(plan, log), "scene.png": lambda: plot_scene(plan)}
+    for name, draw in figures.items():
         image = io.BytesIO()
-        draw(plan, log).savefig(image, format="png", dpi=150)
+        draw().savefig(image, format="png", dpi=150)
         with whole_files():
             write_atomic(out / name, image.getvalue())
     page = report_page(plan, log, report).encode()

@@ -155,3 +155,33 @@ def test_a_cartesian_goal_compares_baselines_to_the_configuration_reached():
     report = validate_motion(problem, motion)
     assert report.baselines["quintic"].saving_percent == pytest.approx(0.0, abs=1e-9)
     assert report.baselines["quintic"].valid
+
+
+def test_contacts_in_the_replay_fail_and_are_named_and_contacts_not_looked_for_are_no_verdict():
+    robot = eo.load_robot("panda")
+    start = np.array([0, -0.7, 0, -2.3, 0, 1.6, 0.8])
+    hand = robot.placement("panda_hand", start + 0.15).translation
+    problem = eo.Problem(robot, start, start + 0.3, 1.2, obstacles=[eo.Box((0.05, 0.05, 0.05), hand, name="brick")])
+    plan = as_plan(problem, eo.baseline(problem))
+    report = eo.validate(plan, eo.replay(plan))
+    assert {"conditions broken", "replay with contact"} <= set(failed(report))
+    numbers = report.as_dict()
+    touch = next(t for t in numbers["replay"]["contacts"] if t["first"] == "panda_hand")
+    assert (
+        touch["second"] == "brick" and 0 < touch["begin_s"] < touch["time_s"] < touch["end_s"] < 1.2 and touch["depth_m"] > 0.02
+    )
+    assert numbers["max_violation"]["clearance_m"] == pytest.approx(-report.violations.distance, abs=1e-6)
+    assert numbers["clearance"]["pair"].endswith("brick")
+    assert not report.baselines["quintic"].within_limits and "broken: clearance" in str(report)
+    blind = eo.validate(plan, eo.replay(plan, collisions=False))
+    assert "replay with contact" not in {check.name for check in blind.checks}
+    assert blind.as_dict()["replay"]["contacts"] is None
+
+
+def test_clearance_is_null_where_nothing_was_looked_at(slider):
+    """A slider without geometry: neither a distance nor a violation of 0."""
+    problem = eo.Problem(slider, [0.0], [0.8], 1.0)
+    plan = as_plan(problem, eo.baseline(problem))
+    numbers = eo.validate(plan, eo.replay(plan)).as_dict()
+    assert numbers["max_violation"]["clearance_m"] is None and numbers["clearance"] is None
+    assert numbers["replay"]["contacts"] is None
