@@ -1,12 +1,8 @@
 """How far a motion stays from obstacles and from itself: certified for ALL times, not for samples.
 
 `check_clearance` finds the least exact distance over the whole motion by conservative advancement (see
-`geometry.advancement`): distances are taken at single instants, and between them bounded by how far the bodies can move.
-The bound of the joints' motion about the middle t_m of an interval of half width h is that of the Taylor expansion there,
-
-    |q(t) − q(t_m)| ≤ Σ_k |q⁽ᵏ⁾(t_m)| hᵏ / k!  ( + max |q⁽ⁿ⁺¹⁾| hⁿ⁺¹ / (n+1)! ),
-
-which for a polynomial piece ends with its degree, and for a Fourier sum is closed by the sum of its amplitudes.
+`geometry.advancement`): distances are taken at single instants, and between them bounded by how far the bodies can move (see
+`parameterizations.excursions`).
 
 A motion passes if the distance is proved to be at least ``margin − tolerance``, and in any case at least zero: what passes
 touches nothing, even with no margin.
@@ -17,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import factorial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,15 +23,14 @@ from energyopt.geometry.bodies import Attached
 from energyopt.geometry.exact import Closest, CollisionScene
 from energyopt.geometry.shapes import Shape
 from energyopt.geometry.values import non_negative, positive
-from energyopt.parameterizations.trajectory import PolynomialTrajectory, SinusoidTrajectory, SplineTrajectory, Trajectory
+from energyopt.parameterizations.excursions import excursions
+from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.robots.model import RobotModel
 
 TOLERANCE = 1e-4
 BUDGET = 400_000
 """Items (interval, pair of bodies) after which a search gives up: a few seconds."""
 LEAST_INTERVALS = 16
-FOURIER_ORDERS = 3
-"""Terms of the Taylor expansion of a Fourier sum before its remainder."""
 POLISH_STEPS = 12
 """Golden-section steps that sharpen the time of a violation."""
 GOLDEN = 0.5 * (5**0.5 - 1)
@@ -197,37 +191,6 @@ def scene_of(
 @lru_cache(maxsize=8)
 def _scene(robot, obstacles, self_pairs, attached) -> CollisionScene:
     return CollisionScene(robot, obstacles, self_pairs, attached)
-
-
-def excursions(trajectory: Trajectory, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Bounds of |q(t) − q(t_m)| for |t − t_m| ≤ half, shape (K, nv); no interval may reach across a break.
-
-    Args:
-        middle: t_m [s], shape (K,); half: [s], shape (K,).
-
-    Raises:
-        GeometryError: a kind of motion whose derivatives have no known bound.
-    """
-    if isinstance(trajectory, SplineTrajectory):
-        orders, rest = trajectory.degree, 0.0
-    elif isinstance(trajectory, PolynomialTrajectory):
-        orders, rest = trajectory.coefficients.shape[1] - 1, 0.0
-    elif isinstance(trajectory, SinusoidTrajectory):
-        orders, rest = FOURIER_ORDERS, _largest_derivative(trajectory, FOURIER_ORDERS + 1)
-    else:
-        raise GeometryError(f"motion: is a {type(trajectory).__name__}; expected a spline, a polynomial or a sinusoid")
-    bound = rest * half[:, None] ** (orders + 1) / factorial(orders + 1) + np.zeros((len(half), trajectory.nv))
-    for k in range(1, orders + 1):
-        bound += np.abs(trajectory(middle, k)) * half[:, None] ** k / factorial(k)
-    return bound
-
-
-def _largest_derivative(trajectory: SinusoidTrajectory, order: int) -> np.ndarray:
-    """Upper bound of a derivative over the whole motion, shape (nv,)."""
-    power = np.abs(np.polynomial.polynomial.polyder(trajectory.polynomial, order)).sum(axis=0)
-    omega = 2.0 * np.pi * np.arange(1, len(trajectory.sine) + 1)
-    waves = omega**order @ np.hypot(trajectory.sine, trajectory.cosine)
-    return (power + waves) / trajectory.duration**order
 
 
 def _checked(robot: RobotModel, trajectory: Trajectory) -> None:

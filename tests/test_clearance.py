@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import urdf_factory as factory
 
-from energyopt.clearance import around_base, check_clearance, clearance_at, excursions, touching
+from energyopt.clearance import around_base, check_clearance, clearance_at, touching
 from energyopt.errors import GeometryError
 from energyopt.geometry.bodies import Attached
 from energyopt.geometry.exact import CollisionScene
 from energyopt.geometry.moving import Moving
 from energyopt.geometry.self_collision import self_collision_pairs
 from energyopt.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, Sphere
+from energyopt.parameterizations.excursions import excursions
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, SinusoidTrajectory, SplineTrajectory, Trajectory
 
 TOLERANCE = 1e-4

@@ -6,7 +6,9 @@ Of all pairs of links, those are left out, each with its reason, that
 - the robot's SRDF says may touch (``disable_collisions``);
 - overlap in nearly every one of many random configurations: their collision geometry is made that way;
 - came nowhere near one another in any of them. Sampling is no proof: such pairs are left out of planning only, and stay in the
-  exact check of a finished motion.
+  exact check of a finished motion;
+- are so near to one another by construction that their spheres overlap in nearly every configuration, where they themselves do
+  not. No motion could part those spheres, so these pairs too are left to the exact check.
 """
 
 from __future__ import annotations
@@ -20,17 +22,19 @@ import numpy as np
 
 from energyopt.errors import RobotError
 from energyopt.geometry.bodies import Attached, Body, collision_bodies
-from energyopt.geometry.cache import Arrays, cached_arrays, digest
+from energyopt.geometry.cache import VERSION, Arrays, cached_arrays, digest
 from energyopt.geometry.exact import CollisionScene
-from energyopt.geometry.robot_spheres import SphereModel
+from energyopt.geometry.robot_spheres import SphereModel, centers, robot_spheres
 from energyopt.robots.model import RobotModel
 from energyopt.robots.urdf_xml import child_link, moving_joints, parent_link
 
 SAMPLES = 1000
+SPHERE_SAMPLES = 200
 ALWAYS = 0.95
 """A pair that overlaps in this share of random configurations overlaps by construction."""
 NEAR = 0.1
 """A pair that was never closer than this [m] is left out of planning."""
+SAMPLED = ("share", "closest", "covered")
 MAX_SRDF_BYTES = 5_000_000
 
 
@@ -50,7 +54,8 @@ class SelfCollisionPairs:
 
     Attributes:
         pairs: to be kept apart by planning.
-        checked: to be checked on a finished motion: ``pairs`` and those that sampling has never seen near.
+        checked: to be checked on a finished motion: ``pairs``, those that sampling has never seen near, and those whose spheres
+            nearly always overlap.
         pruned: all others, with the reason.
     """
 
@@ -89,20 +94,29 @@ def self_collision_pairs(
             if first in links and second in links:
                 reasons.setdefault(frozenset((first, second)), reason)
     open_ = [pair for pair in combinations(links, 2) if frozenset(pair) not in reasons]
-    share, closest = _sampled(robot, attached, open_, seed)
+    seen = _sampled(robot, attached, open_, seed)
     pairs, checked, pruned = [], [], []
-    for pair, hits, distance in zip(open_, share, closest, strict=True):
-        if hits >= ALWAYS:
-            pruned.append(PrunedPair(*pair, f"overlap in at least {ALWAYS:.0%} of {SAMPLES} random configurations", distance))
-            continue
-        checked.append(pair)
-        if distance > NEAR:
-            reason = f"never within {NEAR:g} m in {SAMPLES} random configurations (checked on the finished motion)"
-            pruned.append(PrunedPair(*pair, reason, distance))
-        else:
+    for pair, hits, distance, covered in zip(open_, seen["share"], seen["closest"], seen["covered"], strict=True):
+        reason = _reason(hits, distance, covered)
+        if reason is None:
             pairs.append(pair)
+        else:
+            pruned.append(PrunedPair(*pair, reason, float(distance)))
+        if hits < ALWAYS:
+            checked.append(pair)
     stated = [PrunedPair(*pair, reasons[frozenset(pair)]) for pair in combinations(links, 2) if frozenset(pair) in reasons]
     return SelfCollisionPairs(tuple(pairs), tuple(checked), (*stated, *pruned))
+
+
+def _reason(hits: float, distance: float, covered: float) -> str | None:
+    """Why sampling leaves a pair out of planning; ``covered`` is the share of configurations in which spheres overlap."""
+    if hits >= ALWAYS:
+        return f"overlap in at least {ALWAYS:.0%} of {SAMPLES} random configurations"
+    if distance > NEAR:
+        return f"never within {NEAR:g} m in {SAMPLES} random configurations (checked on the finished motion)"
+    if covered >= ALWAYS:
+        return f"their spheres overlap in at least {ALWAYS:.0%} of the configurations (checked on the finished motion)"
+    return None
 
 
 def sphere_pairs(spheres: SphereModel, pairs: Sequence[tuple[str, str]]) -> np.ndarray:
@@ -167,24 +181,35 @@ def _srdf_pairs(robot: RobotModel) -> list[tuple[str, str]]:
     return [(e.get("link1", ""), e.get("link2", "")) for e in root.iter("disable_collisions")]
 
 
-def _sampled(
-    robot: RobotModel, attached: Sequence[Attached], pairs: list[tuple[str, str]], seed: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """For each pair, the share of random configurations in which it overlaps, and the least distance seen (or a bound of it)."""
+def _sampled(robot: RobotModel, attached: Sequence[Attached], pairs: list[tuple[str, str]], seed: int) -> Arrays:
+    """For each pair over random configurations: the share in which it overlaps, the least distance seen (or a bound of it), and
+    the share in which spheres of the two overlap."""
     if not pairs:
-        return np.empty(0), np.empty(0)
+        return {key: np.empty(0) for key in SAMPLED}
 
     def compute() -> Arrays:
         scene = CollisionScene(robot, (), pairs, attached)
-        distance = scene.distances(random_configurations(robot, SAMPLES, seed), cutoff=NEAR)
+        q = random_configurations(robot, SAMPLES, seed)
+        distance = scene.distances(q, cutoff=NEAR)
         number = {pair: k for k, pair in enumerate(pairs)}
         owner = np.array([number[pair] for pair in scene.pairs])
         least = np.stack([distance[:, owner == k].min(axis=1) for k in range(len(pairs))], axis=1)
-        return {"share": np.mean(least < 0, axis=0), "closest": least.min(axis=0)}
+        covered = _sphere_overlaps(robot_spheres(robot, attached=attached), pairs, q[:SPHERE_SAMPLES])
+        return {"share": np.mean(least < 0, axis=0), "closest": least.min(axis=0), "covered": covered}
 
-    key = digest(*_scene_parts(robot, attached), repr((pairs, seed, SAMPLES, NEAR)))
-    arrays = cached_arrays("pairs", key, compute, lambda a: all(_fits(a.get(k), len(pairs)) for k in ("share", "closest")))
-    return arrays["share"], arrays["closest"]
+    key = digest(VERSION, *_scene_parts(robot, attached), repr((pairs, seed, SAMPLES, SPHERE_SAMPLES, NEAR)))
+    return cached_arrays("pairs", key, compute, lambda arrays: all(_fits(arrays.get(k), len(pairs)) for k in SAMPLED))
+
+
+def _sphere_overlaps(spheres: SphereModel, pairs: list[tuple[str, str]], q: np.ndarray) -> np.ndarray:
+    """The share of configurations in which spheres of a pair of links overlap, shape (P,)."""
+    at, link = centers(spheres, q), np.array(spheres.link)
+    shares = np.zeros(len(pairs))
+    for k, names in enumerate(pairs):
+        first, second = (np.flatnonzero(link == name) for name in names)
+        gaps = np.linalg.norm(at[:, first, None] - at[:, None, second], axis=3)
+        shares[k] = np.mean(np.any(gaps < spheres.radius[first, None] + spheres.radius[second], axis=(1, 2)))
+    return shares
 
 
 def _scene_parts(robot: RobotModel, attached: Sequence[Attached]) -> list[str | np.ndarray]:
