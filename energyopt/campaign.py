@@ -88,10 +88,8 @@ class Campaign:
         source = self._attempts(targets)
         self.guess_s = time.perf_counter() - began
         wanted, searches = starts or len(targets), self.searches
-        for attempt in islice(source, wanted + FALLBACKS):
-            if len(searches) >= wanted and any(map(_promising, searches)):
-                break
-            searches.append(self._searched(self._space(), attempt))
+        while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not any(map(_promising, searches))):
+            searches.append(self._searched(self._space(), next(source)))
             if searches[-1].outcome in STOP:
                 break
             rest = wanted - len(searches)
