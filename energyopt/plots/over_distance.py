@@ -105,13 +105,13 @@ def _draw(ax: Axes, t: np.ndarray, curves: dict, names: list[str]) -> None:
 def _mark_asked(ax: Axes, plan: Plan) -> None:
     """What is not allowed, shaded: too close, and darker, inside of something."""
     asked, low = 1e3 * plan.problem.clearance, ax.get_ylim()[0]
-    for height, words in ((0.0, "contact"), (asked, f"clearance asked for: {asked:g} mm")):
-        if height or words == "contact":
+    for height, words, above in ((0.0, "contact", False), (asked, f"clearance asked for: {asked:g} mm", True)):
+        if height or not above:
             ax.axhspan(low, height, color=look.LIMIT, alpha=0.10, linewidth=0, zorder=1)
             ax.axhline(height, color=look.LIMIT, linewidth=1.0, zorder=2.5)
             ax.annotate(
-                words, (1.0, height), xycoords=("axes fraction", "data"), xytext=(-4, -3), textcoords="offset points",
-                ha="right", va="top", fontsize=8.0, color=look.LIMIT,
+                words, (1.0, height), xycoords=("axes fraction", "data"), xytext=(-4, 2 if above else -2), zorder=6,
+                textcoords="offset points", ha="right", va="bottom" if above else "top", fontsize=8.0, color=look.LIMIT,
             )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ the tool. The eye looks from where least of that way is hidden.
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,16 +16,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import Normal, Stroke
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from energyopt.arguments import check_plan
 from energyopt.errors import InputError
 from energyopt.geometry.bodies import collision_bodies
 from energyopt.geometry.exact import obstacle_names
 from energyopt.geometry.kinematics import joint_placements
-from energyopt.geometry.shapes import HalfSpace
+from energyopt.geometry.shapes import Box, HalfSpace
 from energyopt.plots import look
 from energyopt.plots.solids import COARSEST, Faces, faces_of, plane_patch, same_length
+from energyopt.plots.viewpoint import fill_page, viewpoint
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -43,11 +43,9 @@ GRID = 0.2
 MARGIN = 0.1
 SAME_PLACE = 0.08
 """Way of a solid's middle [m] below which only its last place is drawn."""
-FARTHEST = 0.6
-"""How far beyond the arm's reach [m] obstacles are drawn."""
+FARTHEST, SMALL = 0.6, 0.7
+"""How far beyond the arm [m] obstacles are drawn; radius below which one is drawn whole."""
 MOST_POSES, MOST_NAMES = 24, 10
-FILLED = (0.04, 0.14, 0.96, 0.90)
-"""Left, lower, right and upper edge of the scene, as shares of the figure."""
 
 
 def plot_scene(plan: Plan, ax: Axes3D | None = None, poses: int = 6) -> Figure:
@@ -76,7 +74,7 @@ def plot_scene(plan: Plan, ax: Axes3D | None = None, poses: int = 6) -> Figure:
         picture = _Picture(plan, poses)
         picture.paint(panel)
         if ax is None:
-            _fill(panel, picture.corners)
+            fill_page(panel, picture.corners)
             _time_bar(figure, plan)
             among = ", among obstacles" if problem.obstacles else ""
             look.heading(figure, plan, f"The arm at {poses} instants and the way of its tool{among}.")
@@ -100,19 +98,22 @@ class _Picture:
         points = np.concatenate([*points, self.way])
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.low[2] = min(self.low[2], 0.0)
+        self.shown = (self.low - FARTHEST, self.high + FARTHEST)
         self.obstacles = self._obstacles()
         finite = [faces for faces, _, number in self.obstacles if number in self.finite]
-        inside = [p for faces in finite for p in faces.polygons if self._near(p)]
-        self.corners = np.concatenate([points, *inside])
+        inside = [polygon for faces in finite for polygon in faces.polygons]
+        self.cells = [_edges(item.region) for item in problem.workspace if isinstance(item.region, Box)]
+        self.corners = np.concatenate([points, *inside, *(e.reshape(-1, 3) for e in self.cells if self._near(e.reshape(-1, 3)))])
         self.low, self.high = np.minimum(self.low, self.corners.min(axis=0)), self.corners.max(axis=0)
-        self.elevation, self.azimuth, self.eye = self._view()
+        solids = [problem.obstacles[k] for k in self.finite]
+        self.view = viewpoint(self.way, self.fine, solids, 0.5 * (self.low + self.high))
 
     def paint(self, ax: Axes3D) -> None:
         polygons, colours = [], []
         ax.computed_zorder = False
         self._ground(ax)
         for faces, colour, alpha in self._everything():
-            seen = faces.seen_from(self.eye)
+            seen = faces.seen_from(self.view.eye)
             polygons += seen.polygons
             colours.append(seen.colours(colour, alpha))
         filled = np.concatenate(colours)
@@ -120,6 +121,7 @@ class _Picture:
         edges[filled[:, 3] >= 1.0, 3] = 1.0  # closes the hair lines between faces; between translucent ones it would draw them
         style = {"facecolors": filled, "edgecolors": edges, "linewidths": 0.4, "zorder": 2, "clip_on": False}
         ax.add_collection3d(Poly3DCollection(same_length(polygons), **style), autolim=False)
+        self._cells(ax)
         self._paths(ax)
         self._names(ax)
         self._frame(ax)
@@ -132,9 +134,7 @@ class _Picture:
             for faces, moves in self._arm(k, k == 0):
                 yield faces, TIME(share)[:3] if moves else REST, alpha if moves else LAST
         for faces, alpha, _ in self.obstacles:
-            near = [self._near(p) for p in faces.polygons]
-            shown = [p for p, here in zip(faces.polygons, near, strict=True) if here]
-            yield Faces(shown, faces.normals[np.array(near, bool)]), OBSTACLE, alpha
+            yield faces, OBSTACLE, alpha
 
     def _arm(self, k: int, resting: bool):
         """Solids at the k-th instant, and whether each moves; those that do not only where asked for.
@@ -162,12 +162,17 @@ class _Picture:
             for k, pose in enumerate(shape.pose_at(times)):
                 faces = own.placed(pose) if own else plane_patch(shape, pose, middle, half).cut(COARSEST)
                 alpha = SOLID * (0.25 + 0.75 * (k + 1) / len(times)) if own else 0.25 * SOLID
-                found.append((faces, alpha, number))
+                found.append((self._kept(faces, pose[:3, 3], shape.bounding_radius), alpha, number))
         return found
 
-    def _near(self, polygon: np.ndarray) -> bool:
-        middle = polygon.mean(axis=0)
-        return bool(np.all(middle > self.low - FARTHEST) and np.all(middle < self.high + FARTHEST))
+    def _kept(self, faces: Faces, place: np.ndarray, radius: float) -> Faces:
+        """What is near the arm: of a small solid all or nothing, of a large one some of its pieces."""
+        points = [place if radius < SMALL else polygon.mean(axis=0) for polygon in faces.polygons]
+        near = [self._near(point) for point in points]
+        return Faces([p for p, here in zip(faces.polygons, near, strict=True) if here], faces.normals[np.array(near, bool)])
+
+    def _near(self, points: np.ndarray) -> bool:
+        return bool(np.all(points > self.shown[0]) and np.all(points < self.shown[1]))
 
     def _tool(self, t: np.ndarray) -> np.ndarray:
         robot = self.problem.robot
@@ -182,32 +187,18 @@ class _Picture:
         gone = np.append(0.0, np.cumsum(step + 0.2 * step.mean() + 1e-9))
         return np.interp(np.linspace(0.0, gone[-1], poses), gone, self.fine)
 
-    def _view(self) -> tuple[float, float, np.ndarray]:
-        """Elevation and azimuth [degrees] from which the tool's way is least hidden and most spread out, and the direction."""
-        best = None
-        solids = [s for s in self.problem.obstacles if not isinstance(s, HalfSpace)]
-        points, times = self.way[::16], self.fine[::16]
-        for elevation, azimuth in product((22.0, 32.0), range(-170, 180, 20)):
-            a, e = np.radians(azimuth), np.radians(elevation)
-            eye = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-            rays = points[:, None] + np.linspace(0.03, 1.2, 24)[:, None] * eye
-            hidden = np.zeros(rays.shape[:2], bool)
-            for shape in solids:
-                hidden |= (shape.distance(rays.reshape(-1, 3), np.repeat(times, 24)) < 0).reshape(hidden.shape)
-            flat = self.way - (self.way @ eye)[:, None] * eye
-            spread = np.sqrt(np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)[:2].prod() / len(flat))
-            body = 0.5 * (self.low + self.high) - self.way.mean(axis=0)
-            score = spread - 1.0 * hidden.any(axis=1).mean() - 0.1 * (body @ eye)
-            if best is None or score > best[0]:
-                best = (score, elevation, float(azimuth), eye)
-        return best[1:]
-
     def _ground(self, ax: Axes3D) -> None:
         low, high = GRID * np.floor(self.low[:2] / GRID), GRID * np.ceil(self.high[:2] / GRID)
         z = self.low[2]
         lines = [[(x, low[1], z), (x, high[1], z)] for x in np.arange(low[0], high[0] + 0.5 * GRID, GRID)]
         lines += [[(low[0], y, z), (high[0], y, z)] for y in np.arange(low[1], high[1] + 0.5 * GRID, GRID)]
         ax.add_collection3d(Line3DCollection(lines, colors=look.RULE, linewidths=0.7, zorder=1, clip_on=False), autolim=False)
+
+    def _cells(self, ax: Axes3D) -> None:
+        """The edges of boxes to stay inside of."""
+        line = {"colors": NAME, "linewidths": 1.0, "linestyles": (0, (6, 3)), "zorder": 2.5, "clip_on": False}
+        for edges in self.cells:
+            ax.add_collection3d(Line3DCollection(edges, **line), autolim=False)
 
     def _paths(self, ax: Axes3D) -> None:
         segments = np.stack([self.way[:-1], self.way[1:]], axis=1)
@@ -230,9 +221,8 @@ class _Picture:
         names = obstacle_names(self.problem.obstacles)
         last = {number: faces for faces, _, number in self.obstacles if number in self.finite}
         for number in self.finite[:MOST_NAMES]:
-            shown = [p for p in last[number].polygons if self._near(p)]
-            if shown:
-                corners = np.concatenate(shown)
+            if last[number].polygons:
+                corners = np.concatenate(last[number].polygons)
                 top = np.append(corners[:, :2].mean(axis=0), corners[:, 2].max() + 0.02)
                 self._word(ax, top, look.fitted(names[number]), color=NAME, fontsize=8)
 
@@ -242,32 +232,19 @@ class _Picture:
 
     def _frame(self, ax: Axes3D) -> None:
         ax.set_proj_type("ortho")
-        ax.view_init(self.elevation, self.azimuth)
+        ax.view_init(self.view.elevation, self.view.azimuth)
         size = self.high - self.low
         ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), zlim=(self.low[2], self.high[2]))
         ax.set_box_aspect(size)
         ax.set_axis_off()
 
 
-def _fill(ax: Axes3D, points: np.ndarray) -> None:
-    """Scale and move the panel so that the points, shape (N, 3), fill the figure."""
-    size, shape = ax.figure.bbox.size, np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
-    left, lower, right, upper = FILLED
-    low, high = _on_page(ax, points)
-    zoom = float(np.min(np.array([right - left, upper - lower]) * size / (high - low)))
-    ax.set_box_aspect(shape, zoom=zoom)
-    low, high = _on_page(ax, points)
-    shift = np.array([left + right, lower + upper]) / 2 - (low + high) / 2 / size
-    place = ax.get_position(original=True)
-    ax.set_position((place.x0 + shift[0], place.y0 + shift[1], place.width, place.height))
-
-
-def _on_page(ax: Axes3D, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corner of the points on the page [pixels]."""
-    ax.apply_aspect()
-    flat = proj_transform(*points.T, ax.get_proj())
-    page = ax.transData.transform(np.column_stack(flat[:2]))
-    return page.min(axis=0), page.max(axis=0)
+def _edges(box: Box) -> np.ndarray:
+    """The twelve edges of a box [m], shape (12, 2, 3)."""
+    corners = [np.array(signs) for signs in product((-0.5, 0.5), repeat=3)]
+    pairs = [pair for pair in combinations(corners, 2) if np.count_nonzero(pair[0] != pair[1]) == 1]
+    pose = box.pose_at(0.0)
+    return np.array(pairs) * box.size @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _time_bar(figure: Figure, plan: Plan) -> None:
