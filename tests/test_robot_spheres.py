@@ -1,7 +1,10 @@
 """The robot as spheres: what they contain, how far they stick out, the cache, and what comes with the package."""
 
+import gc
+import time
 import warnings
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 
 import arms
 import numpy as np
@@ -319,3 +322,26 @@ def test_a_robot_without_geometry_has_no_spheres():
     spheres = robot_spheres(arms.pendulum())
     assert len(spheres) == 0 and "no geometry" in spheres.summary()
     assert centers(spheres, np.zeros((2, 1))).shape == (2, 0, 3)
+
+
+def test_many_threads_may_read_covers_at_once():
+    """CPython 3.11 fails to parse the head of an array where another thread does the same and a finalizer lets it in between."""
+
+    class Litter:
+        def __init__(self):
+            self.own = self
+
+        def __del__(self):
+            time.sleep(0)
+
+    def read(name):
+        _ = [Litter() for _ in range(3)]
+        return cache._shipped(name)
+
+    names, kept = [n for n in cache.shipped_archive()[1] if n.startswith("cover")][:40], gc.get_threshold()
+    gc.set_threshold(20, 1, 1)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            assert all(found is not None for _ in range(10) for found in pool.map(read, names))
+    finally:
+        gc.set_threshold(*kept)

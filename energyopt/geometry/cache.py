@@ -13,6 +13,7 @@ import io
 import logging
 import os
 import tempfile
+import threading
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
@@ -31,6 +32,8 @@ VERSION = "2"
 """To be raised with every change of this folder's modules that changes pieces of meshes or covers; then
 ``python -m energyopt.geometry.ship`` renews what comes with the package."""
 SHIPPED = Path(__file__).with_name("shipped.npz")
+_one_reader = threading.Lock()
+"""NumPy reads the head of an array by `ast.literal_eval`; in CPython 3.11 that fails now and then (SystemError) in two threads."""
 
 
 def digest(*parts: str | bytes | np.ndarray) -> str:
@@ -68,9 +71,10 @@ def cached_arrays(kind: str, key: str, compute: Callable[[], Arrays], valid: Cal
 
 def _shipped(name: str) -> Arrays | None:
     """What comes with the package under a name; members of the archive are called ``name/array``."""
-    archive, members = shipped_archive()
     try:
-        return {member.partition("/")[2]: archive[member] for member in members[name]} if name in members else None
+        with _one_reader:
+            archive, members = shipped_archive()
+            return {member.partition("/")[2]: archive[member] for member in members[name]} if name in members else None
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
         return None
 
@@ -92,7 +96,7 @@ def _read(path: Path) -> Arrays | None:
     try:
         if path.stat().st_uid != os.getuid() or path.stat().st_size > MAX_BYTES:
             return None
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
+        with _one_reader, np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, MemoryError):
         return None
