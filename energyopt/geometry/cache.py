@@ -33,7 +33,7 @@ VERSION = "2"
 ``python -m energyopt.geometry.ship`` renews what comes with the package."""
 SHIPPED = Path(__file__).with_name("shipped.npz")
 _one_reader = threading.Lock()
-"""NumPy reads the head of an array by `ast.literal_eval`; in CPython 3.11 that fails now and then (SystemError) in two threads."""
+"""NumPy parses the head of an array by `ast.literal_eval`; CPython 3.11 fails at that now and then in two threads at once."""
 
 
 def digest(*parts: str | bytes | np.ndarray) -> str:
