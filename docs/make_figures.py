@@ -32,11 +32,9 @@ def draw() -> None:
 
 
 def savings_table(names: tuple[str, ...]) -> str:
-    """One row a problem: by how many per cent J is below each baseline's, the mechanical energy, whether links touch."""
+    """One row a problem: by how many per cent J is below each baseline's, the mechanical energy, whether anything touches."""
     lines = [
-        "| problem | robot | T [s] | J | "
-        + " | ".join(BASELINES)
-        + " | Σ∫\\|τq̇\\|dt [J], quintic's in brackets | touches itself |",
+        "| problem | robot | T [s] | J | " + " | ".join(BASELINES) + " | Σ∫\\|τq̇\\|dt [J], quintic's in brackets | touches |",
         "|---|---|--:|--:|" + "--:|" * (len(BASELINES) + 1) + "---|",
     ]
     for name in names:

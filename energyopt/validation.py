@@ -2,7 +2,8 @@
 
 - the dense check of every limit and condition (`verification`);
 - MuJoCo's inverse dynamics along the motion against the planned torque;
-- ordinary motions of the same duration: saving = 1 − J / J_baseline, and the same for the joules;
+- ordinary motions of the same duration: saving = 1 − J / J_baseline, and the same for the joules. A repulsive potential is left
+  out of both J: it is no effort, and a baseline through an obstacle has any amount of it;
 - where there is a replay: tracking of joints and tool, energy gap, limits met by the simulated motion, and contacts, where
   they were looked for.
 """
@@ -61,7 +62,8 @@ class BaselineComparison:
 
     Attributes:
         objective: its J; cost_terms: by term. metrics: of the motion.
-        saving_percent: 100 (1 − J_plan / J); energy_saving_percent: the same for Σ∫|τq̇|dt; None where it costs nothing.
+        saving_percent: 100 (1 − J_plan / J), both without the potential; energy_saving_percent: the same for Σ∫|τq̇|dt; None
+            where it costs nothing.
         within_limits: whether it holds every limit and keeps clear of everything. valid: whether it meets every condition of
             the problem besides.
         violations: of its own dense check.
@@ -157,8 +159,8 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
     violations, terms = verify(problem, trajectory), cost(problem, trajectory)
     ours, objective = metrics(problem, trajectory), sum(terms.values())
     inverse_error = check_inverse_dynamics(problem.robot, trajectory)
-    compared = compare_baselines(problem, trajectory, objective, ours)
-    losses = [-b.saving_percent for b in compared.values() if b.valid and b.saving_percent is not None]
+    compared = compare_baselines(problem, trajectory, terms, ours)
+    losses = [-saving for b in compared.values() if b.valid and (saving := _saving(objective, b.objective)) is not None]
     values = {
         "conditions broken": float(len(excessive(violations))),
         "inverse dynamics, MuJoCo": inverse_error,
@@ -192,8 +194,10 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
     )
 
 
-def compare_baselines(problem: Problem, trajectory: Trajectory, objective: float, ours: Metrics) -> dict[str, BaselineComparison]:
-    """Every kind of `BASELINES` to the configuration the motion ends in, beside the motion's J and metrics."""
+def compare_baselines(
+    problem: Problem, trajectory: Trajectory, our_terms: dict[str, float], ours: Metrics
+) -> dict[str, BaselineComparison]:
+    """Every kind of `BASELINES` to the configuration the motion ends in, beside the motion's terms of J and metrics."""
     compared = {}
     for kind in BASELINES:
         motion = baseline(problem, kind, goal=trajectory(trajectory.duration))
@@ -202,7 +206,7 @@ def compare_baselines(problem: Problem, trajectory: Trajectory, objective: float
             objective=sum(terms.values()),
             cost_terms=terms,
             metrics=theirs,
-            saving_percent=_saving(objective, sum(terms.values())),
+            saving_percent=_saving(_effort(our_terms), _effort(terms)),
             energy_saving_percent=_saving(ours.mechanical_abs_J, theirs.mechanical_abs_J),
             within_limits=limits_hold(violations) and "clearance" not in excessive(violations),
             valid=is_valid(violations),
@@ -245,6 +249,11 @@ def verdict(report: ValidationReport) -> str:
         deepest = max(report.touches, key=lambda touch: touch.depth)
         return f"NOT valid: the replay touches something: {deepest}"
     return f"NOT valid: {first.name} is {first.value:.3g} {first.unit}, expected at most {first.threshold:g}"
+
+
+def _effort(terms: dict[str, float]) -> float:
+    """J without the potential."""
+    return sum(value for name, value in terms.items() if name != "potential")
 
 
 def _saving(ours: float, theirs: float) -> float | None:

@@ -131,6 +131,16 @@ def test_the_problem_file_on_the_page_is_one(tmp_path, monkeypatch):
     assert eo.plan(problem, **options).solved
 
 
+def test_the_problem_file_on_the_page_of_obstacles_is_one_and_is_solved(tmp_path):
+    """It has every section about what to keep clear of."""
+    path = tmp_path / "scene.toml"
+    path.write_text(blocks("obstacles.md", "toml")[0], encoding="utf-8")
+    problem = eo.load_problem(path)
+    assert len(problem.obstacles) == 3 and len(problem.workspace) == 2 and problem.attached and problem.potential
+    plan = eo.plan(problem, eo.BSpline(accuracy=None))
+    assert plan.solved and eo.replay(plan).contact_steps == 0
+
+
 def entry(summary, key):
     """The value under a dotted key; "…" stands for any name."""
     for part in key.split("."):
