@@ -1,8 +1,8 @@
 """A campaign: all guesses and searches that one call of `plan` makes.
 
 Where nothing but the arm itself is in the way, guesses are the straight quintic and motions bent at random. Among obstacles they
-come from `pathfinding`, free ones first; those that are not free stay as a last resort, since a penalty can push a motion out
-of a shallow overlap. Of all motions that hold, the one of least J is refined.
+come from `pathfinding`: the straight one even where it is not free, since a penalty mostly pushes it out, and then free ones.
+Of all motions that hold, the one of least J is refined.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 
@@ -157,13 +157,9 @@ class Campaign:
             clear_guesses(problem, free, target, seed=self.seed + k, budget=Budget(PATH_SECONDS))
             for k, target in enumerate(targets)
         ]
-        last = []
         for guess, target in _in_turn(sources, targets):
-            if guess.free:
-                yield Attempt(guess.name, guess.trajectory, target)
-            else:
-                last.append(Attempt(guess.name, guess.trajectory, target))
-        yield from chain(last, (Attempt("bent", m, targets[0]) for m in islice(guesses(problem, targets, self.seed), 1, None)))
+            yield Attempt(guess.name, guess.trajectory, target)
+        yield from (Attempt("bent", motion, targets[0]) for motion in islice(guesses(problem, targets, self.seed), 1, None))
 
     def _searched(self, space: MotionSpace, attempt: Attempt) -> Search:
         avoidance = self._relaxed(attempt)
