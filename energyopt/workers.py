@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -118,8 +119,16 @@ def _read(pipe) -> Any:
     return pickle.loads(data)
 
 
+def _end_with(parent: int) -> None:
+    """End this process, whatever it is doing, once its parent has."""
+    while os.getppid() == parent:
+        time.sleep(LOOK)
+    os._exit(1)
+
+
 def _serve() -> None:
     """Answer calls until the input ends; what a call prints goes to standard error."""
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     while True:

@@ -39,7 +39,7 @@ def test_the_wheel_holds_code_c_sources_and_problems(wheel):
 def test_the_wheel_installs_a_command_and_its_licence(wheel):
     archive = zipfile.ZipFile(wheel)
     folder = f"energyopt-{eo.__version__}.dist-info"
-    assert "energyopt = energyopt.cli:main" in archive.read(f"{folder}/entry_points.txt").decode()
+    assert "energyopt = energyopt.__main__:run" in archive.read(f"{folder}/entry_points.txt").decode()
     assert any(name.startswith(folder) and name.endswith("LICENSE") for name in archive.namelist())
 
 

@@ -43,3 +43,23 @@ def test_a_script_without_a_main_guard_is_not_run_twice(tmp_path):
 @pytest.mark.parametrize("processes", [1, 3])
 def test_the_number_of_processes_does_not_change_the_answers(processes):
     assert sorted(workers.call_all(divmod, [(k, 3) for k in range(4)], processes)) == [(k, divmod(k, 3)) for k in range(4)]
+
+
+def test_workers_end_with_their_parent(tmp_path):
+    mark = tmp_path / "worker"
+    code = (
+        "import os, subprocess, sys, threading, time\n"
+        "from energyopt import workers\n"
+        "calls = workers.call_all(time.sleep, [(120.0,)], 1)\n"
+        "threading.Thread(target=lambda: list(calls), daemon=True).start()\n"
+        "children = lambda t: open(f'/proc/self/task/{t}/children').read().split()\n"
+        "while not (kids := [c for t in os.listdir('/proc/self/task') for c in children(t)]): time.sleep(0.05)\n"
+        "time.sleep(1.0)\n"
+        f"open({str(mark)!r}, 'w').write(kids[0])\n"
+        "os._exit(0)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], timeout=120, check=True, env=os.environ)
+    worker, deadline = mark.read_text(), time.monotonic() + 30.0
+    while os.path.exists(f"/proc/{worker}") and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not os.path.exists(f"/proc/{worker}")
