@@ -270,17 +270,19 @@ class Campaign:
         spline, search = self.parameterization, levels[0]
         accuracy = spline.accuracy if isinstance(spline, BSpline) else None
         levels[:] = [search.copy()]
-        while accuracy and search.converged and search.levels < MOST_LEVELS:
-            if search.error is not None and search.error <= accuracy:
+        while accuracy and search.converged:
+            reached = search.reaches(accuracy)
+            levels[-1] = kept = search.copy()
+            if reached:
                 return ""
-            kept = levels[-1]
-            if not search.refine(spline) or not search.advance():
+            if search.levels >= MOST_LEVELS:
+                return f"{MOST_LEVELS} levels were made"
+            if not search.refine(accuracy) or not search.advance():
                 if search.outcome is Outcome.INTERRUPTED:
                     kept.outcome = Outcome.INTERRUPTED
                 return search.reason
             if search.objective > kept.objective:  # finer spaces contain the coarser ones: this is the solver's own error
-                kept.gain = search.gain
-                return "finer knots gave no better motion" if kept.error > accuracy else ""
+                return "finer knots gave no better motion"
             levels.append(search.copy())
         return ""
 

@@ -16,11 +16,10 @@ import numpy as np
 from energyopt.avoidance import Avoidance
 from energyopt.collision import Hinge
 from energyopt.dynamics.kernels import Kernels
-from energyopt.parameterizations import BSpline
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
-from energyopt.refinement import MOST_SPANS, REMAINDER, bisected, refine, shortest_span, span_gains
+from energyopt.refinement import AIM, MOST_SPANS, UNMEASURED, Promise, bisected, promise, refine, shortest_span
 from energyopt.solvers import IpoptOptions, Outcome, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
 from energyopt.transcription.clearance import ClearanceTerms, close_pairs, overlap, penalty_samples, touching_pairs
@@ -91,6 +90,7 @@ class Search:
         stiffness: of the penalty that keeps pairs apart, as a place in STIFFNESS from 1; 0 for none.
         depth: overlap of spheres, beyond what is allowed, that it left [m]; hard: whether rows have taken its place.
         gain: by how much the last refinement lowered J.
+        promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
         spent: shared with other searches of the same plan, and with copies.
     """
 
@@ -107,6 +107,8 @@ class Search:
     objective: float = np.inf
     first_objective: float | None = None
     gain: float | None = None
+    promise: Promise | None = None
+    error: float | None = None
     stiffness: int = 0
     depth: float = 0.0
     hard: bool = False
@@ -119,16 +121,6 @@ class Search:
     def converged(self) -> bool:
         return self.outcome in GOOD
 
-    @property
-    def error(self) -> float | None:
-        """Estimated relative distance of J to the continuous optimum; None before a refinement has been measured.
-
-        Relative to J, or to a small share of the guess's where J all but vanishes.
-        """
-        if self.gain is None:
-            return None
-        return REMAINDER * abs(self.gain) / max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
-
     def copy(self) -> Search:
         """The search as it is now; what is done to one is not done to the other."""
         return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
@@ -136,7 +128,7 @@ class Search:
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
         started, built = time.perf_counter(), self.spent.build_s
-        previous = self.objective if self.levels else None
+        previous, self.promise, self.error = self.objective if self.levels else None, None, None
         self._solve_level()
         if self.converged:
             self.gain = None if previous is None else previous - self.objective
@@ -144,15 +136,21 @@ class Search:
         self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
         return self.converged
 
-    def refine(self, parameterization: BSpline) -> bool:
-        """Prepare a finer level; False where there is none."""
-        if len(self.space.breaks) > MOST_SPANS:
-            return False
+    def reaches(self, accuracy: float) -> bool:
+        """Estimate `error`, relative to J (a small share of the guess's where J all but vanishes); whether it is low enough."""
         started = time.perf_counter()
         fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
-        gains = span_gains(self.space, fine, fine.guess(self.trajectory))
-        self.space = refine(self.space, gains, shortest_span(self.problem))
+        self.promise = promise(self.space, fine, fine.guess(self.trajectory))
+        scale = max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
+        self.error = self.promise.error(self.objective, self.gain) / scale
         self.spent.solve_s += time.perf_counter() - started
+        return self.error <= accuracy * (UNMEASURED if self.gain is None else 1.0)
+
+    def refine(self, accuracy: float) -> bool:
+        """Prepare a finer level that should reach an accuracy; False where there is none."""
+        if len(self.space.breaks) > MOST_SPANS:
+            return False
+        self.space = refine(self.space, self.promise.by_span, AIM * accuracy / self.error, shortest_span(self.problem))
         return True
 
     def harden(self) -> bool:
@@ -170,7 +168,7 @@ class Search:
         if self.converged and (self._add_clearance() or (self.stiffness and self._near())):
             self._solve_rounds(WARM_BARRIER)
         if unaware and abs(self.objective - free) > CHANGED * abs(free):
-            self.gain = None  # what was measured holds for another motion
+            self.gain = self.error = None  # what was measured holds for another motion
         self.spent.solve_s += time.perf_counter() - started
         return self.converged
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
@@ -145,12 +146,15 @@ class SplineSpace(MotionSpace):
 
     def interpolate(self, trajectory: Trajectory):
         """Interpolation at the Greville abscissae; reproduces every spline of this space."""
+        times = self.greville.clip(0.0, self.duration)
+        values = trajectory(times * (trajectory.duration / self.duration))
+        return make_interp_spline(times, values, self.degree, self.knots).c
+
+    @property
+    def greville(self) -> np.ndarray:
+        """Where each coefficient acts: the means of its p inner knots [s], (size,)."""
         p = self.degree
-        greville = np.array([self.knots[j + 1 : j + p + 1].mean() for j in range(self.size)]).clip(0.0, self.duration)
-        columns, values = self.basis(greville, 1)
-        matrix = np.zeros((self.size, self.size))
-        np.put_along_axis(matrix, columns, values[:, 0], axis=1)
-        return np.linalg.solve(matrix, trajectory(greville * (trajectory.duration / self.duration)))
+        return np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], p).mean(axis=1)
 
     def refined(self, times: np.ndarray) -> SplineSpace:
         """The space with further knots; it contains this one."""
