@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from energyopt.avoidance import Avoidance
+from energyopt.clearance_checks import clearance_of
 from energyopt.collision import Hinge
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import MotionSpace, Unknowns
@@ -159,7 +160,7 @@ class Search:
         The penalty becomes so stiff, and begins so late, that it moves the optimum by little; rows keep what it leaves. Does
         nothing where the motion keeps clear and no penalty was needed.
         """
-        if self.avoidance is None or not self.converged or self.hard:
+        if self.avoidance is None or not self.converged or self.hard or (not self.stiffness and self._clear()):
             return self.converged
         started, free, unaware = time.perf_counter(), self.objective, not self.stiffness
         if self._stiffen():
@@ -171,6 +172,11 @@ class Search:
             self.gain = self.error = None  # what was measured holds for another motion
         self.spent.solve_s += time.perf_counter() - started
         return self.converged
+
+    def _clear(self) -> bool:
+        """Whether the motion keeps the clearance, by exact geometry."""
+        verdict = clearance_of(self.problem, self.trajectory)
+        return verdict is None or verdict[0].amount == 0.0
 
     def _near(self) -> bool:
         """Whether the penalty is felt at all."""
@@ -216,6 +222,8 @@ class Search:
 
     def _add_clearance(self) -> bool:
         """Rows for pairs that are too close, or that the hinge may have kept from it."""
+        if self._clear():
+            return False  # the spheres stick out of the links: what they miss need not matter
         close = close_pairs(self.avoidance, self.trajectory)
         if not close and self.avoidance.eased:
             close = touching_pairs(self.avoidance, self.problem, self.trajectory)
