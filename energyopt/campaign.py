@@ -94,7 +94,7 @@ class Campaign:
                 break
             rest = wanted - len(searches)
             if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
-                searches += self._in_processes(list(islice(source, rest)))
+                self._in_processes(islice(source, rest))
         if searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
@@ -171,24 +171,36 @@ class Campaign:
         self.tried.append(attempt.name)
         return search
 
-    def _in_processes(self, attempts: list[Attempt]) -> list[Search]:
-        """The same searches in worker processes, in the order of the attempts; those already done where an end is wanted."""
-        calls = [(self.problem, self.parameterization, a, self.options.iterations, self.options.deadline) for a in attempts]
-        stop = self.options.stop or (lambda: False)
-        answers = dict(call_all(search_once, calls, os.cpu_count() or 1, stop))
-        found = []
-        for k, attempt in enumerate(attempts):
-            answer = answers.get(k)
-            if isinstance(answer, Search):
-                self.tried.append(attempt.name)
-                self.spent.add(answer.spent)
-                own = {"problem": self.problem, "kernels": self.kernels, "options": self.options, "spent": self.spent}
-                found.append(replace(answer, **own, avoidance=self._relaxed(attempt)))
-            elif not stop():
-                found.append(self._searched(self._space(), attempt))
+    def _in_processes(self, attempts: Iterator[Attempt]) -> None:
+        """The same searches in worker processes; in the end they stand in the order of the attempts."""
+        sent: dict[int, Attempt] = {}
+        found: list[tuple[int, Search]] = []
+        first, stop = len(self.searches), self.options.stop or (lambda: False)
+
+        def calls() -> Iterator[tuple]:
+            for k, attempt in enumerate(attempts):
+                sent[k] = attempt
+                yield self.problem, self.parameterization, attempt, self.options.iterations, self.options.deadline
+
+        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, stop):
+            attempt = sent.pop(k)
+            search = self._received(answer, attempt) if isinstance(answer, Search) else self._searched(self._space(), attempt)
+            self.searches.append(search)
+            found.append((k, search))
+            if self.options.progress is not None:
+                self.options.progress(f"start {len(self.searches)}", self.spent.iterations, search.objective, search.depth)
+            if search.outcome in STOP:
+                break
+        self.searches[first:] = [search for _, search in sorted(found, key=lambda item: item[0])]
+        self.tried[first:] = [search.name for search in self.searches[first:]]
         if stop():
-            found.append(replace(self.current, outcome=Outcome.INTERRUPTED))
-        return found
+            self.searches.append(replace(self.current, outcome=Outcome.INTERRUPTED))
+
+    def _received(self, answer: Search, attempt: Attempt) -> Search:
+        """A search from another process, with what was not sent."""
+        self.spent.add(answer.spent)
+        own = {"problem": self.problem, "kernels": self.kernels, "options": self.options, "spent": self.spent}
+        return replace(answer, **own, avoidance=self._relaxed(attempt))
 
     def _relaxed(self, attempt: Attempt) -> Avoidance | None:
         """What is asked of the spheres, given that start, goal and timed waypoints are free."""

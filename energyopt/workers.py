@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -31,42 +31,53 @@ class WorkerError(RuntimeError):
 
 
 def call_all(
-    function: Callable, arguments: Sequence[tuple], processes: int, stop: Callable[[], bool] = lambda: False
+    function: Callable, arguments: Iterable[tuple], processes: int, stop: Callable[[], bool] = lambda: False
 ) -> Iterator[tuple[int, Any]]:
     """Call a function of a module for each tuple of arguments, in worker processes.
 
     Args:
-        function: at the top level of a module of this package; arguments: tuples of what can be pickled.
+        function: at the top level of a module of this package.
+        arguments: tuples of what can be pickled; the next is asked for when a worker has nothing to do.
         processes: how many workers, at most.
         stop: ends everything, workers included, once it is true.
 
     Yields:
         (number of the tuple, what the function returned) in the order they end; an exception it raised in place of a result.
     """
-    waiting, answers = queue.SimpleQueue(), queue.SimpleQueue()
-    for number in range(len(arguments)):
-        waiting.put(number)
-    workers = [_Worker() for _ in range(min(processes, len(arguments)))]
-    name = (function.__module__, function.__qualname__)
+    name, numbered = (function.__module__, function.__qualname__), enumerate(arguments)
+    answers: queue.SimpleQueue = queue.SimpleQueue()
+    idle: list[_Worker] = []
+    workers: list[_Worker] = []
+    busy = 0
     try:
-        for worker in workers:
-            threading.Thread(target=_feed, args=(worker, name, arguments, waiting, answers), daemon=True).start()
-        left = len(arguments)
-        while left and not stop():
+        while not stop():
+            while (idle or len(workers) < processes) and (call := next(numbered, None)) is not None:
+                if not idle:
+                    workers.append(_Worker())
+                    idle.append(workers[-1])
+                threading.Thread(target=_ask, args=(idle.pop(), name, call, answers), daemon=True).start()
+                busy += 1
+            if not busy:
+                return
             try:
-                yield answers.get(timeout=LOOK)
-                left -= 1
+                worker, number, answer = answers.get(timeout=LOOK)
             except queue.Empty:
                 continue
+            busy -= 1
+            idle.append(worker)
+            yield number, answer
     finally:
         for worker in workers:
             worker.end()
 
 
 class _Worker:
-    """One process and the pipes to it."""
+    """One process and the pipes to it; where it dies, the next call gets a new one."""
 
     def __init__(self):
+        self._start()
+
+    def _start(self) -> None:
         root = str(Path(__file__).resolve().parent.parent)
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
@@ -82,6 +93,8 @@ class _Worker:
             _write(self._process.stdin, (name, arguments))
             return _read(self._process.stdout)
         except (OSError, EOFError, ValueError) as error:
+            self.end()
+            self._start()
             return WorkerError(f"a worker process ended: {error}")
 
     def end(self) -> None:
@@ -92,14 +105,8 @@ class _Worker:
                 pipe.close()
 
 
-def _feed(worker: _Worker, name: tuple[str, str], arguments: Sequence[tuple], waiting, answers) -> None:
-    """Give one worker one call after another."""
-    while True:
-        try:
-            number = waiting.get_nowait()
-        except queue.Empty:
-            return
-        answers.put((number, worker.call(name, arguments[number])))
+def _ask(worker: _Worker, name: tuple[str, str], call: tuple[int, tuple], answers: queue.SimpleQueue) -> None:
+    answers.put((worker, call[0], worker.call(name, call[1])))
 
 
 def _write(pipe, value: Any) -> None:
