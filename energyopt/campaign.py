@@ -30,6 +30,7 @@ from energyopt.refinement import bisected
 from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import Outcome
+from energyopt.transcription.clearance import overlap
 from energyopt.verification import is_valid, verify
 from energyopt.workers import call_all
 
@@ -48,6 +49,10 @@ ROUGH_NODES = 10
 """Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 PATH_SECONDS = 8.0
 """Time for the search of one path [s]."""
+FIRM = 2
+"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards."""
+HOPELESS = 0.03
+"""Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
 WORTH_PROCESSES = 6.0
 """Estimated time of further searches [s] from which processes, which take seconds to start, are worth it."""
 STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
@@ -55,11 +60,12 @@ STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One guess: its name, the motion, and the goal configuration it ends in."""
+    """One guess: its name, the motion, the goal configuration it ends in, and whether it is known to be free of obstacles."""
 
     name: str
     motion: Trajectory
     goal: np.ndarray
+    free: bool = False
 
 
 @dataclass
@@ -88,6 +94,8 @@ class Campaign:
         source = self._attempts(targets)
         self.guess_s = time.perf_counter() - began
         wanted, searches = starts or len(targets), self.searches
+        if self.problem.obstacles or self.problem.workspace:
+            self._try_unaware(targets)
         while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not any(map(_promising, searches))):
             searches.append(self._searched(self._space(), next(source)))
             if searches[-1].outcome in STOP:
@@ -153,23 +161,35 @@ class Campaign:
             limits=problem.limits,
             margin=problem.clearance,
         )
-        sources = [
-            clear_guesses(problem, free, target, seed=self.seed + k, budget=Budget(PATH_SECONDS))
-            for k, target in enumerate(targets)
-        ]
+        left = self.options.remaining()
+        budget = Budget(PATH_SECONDS if left is None else min(PATH_SECONDS, max(left, 0.05)))
+        seeds = range(self.seed, self.seed + len(targets))
+        sources = [clear_guesses(problem, free, q, seed=k, budget=budget) for k, q in zip(seeds, targets, strict=True)]
         for guess, target in _in_turn(sources, targets):
-            yield Attempt(guess.name, guess.trajectory, target)
+            yield Attempt(guess.name, guess.trajectory, target, guess.free)
         yield from (Attempt("bent", motion, targets[0]) for motion in islice(guesses(problem, targets, self.seed), 1, None))
 
-    def _searched(self, space: MotionSpace, attempt: Attempt) -> Search:
+    def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False) -> Search:
+        """The first level from a guess; ``unaware`` of obstacles, or with a penalty that keeps a free guess where it is."""
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
         search = Search(*start, spent=self.spent)
-        search.stiffness = int(avoidance is not None and bool(avoidance.scene.obstacles))
+        if avoidance is not None and avoidance.scene.obstacles and not unaware:
+            search.stiffness = FIRM if attempt.free else 1
         self.current = search
         search.advance()
         self.tried.append(attempt.name)
         return search
+
+    def _try_unaware(self, targets: list[np.ndarray]) -> None:
+        """The optimum without obstacles, where it happens to be clear of them: nothing is better near it."""
+        motion = next(guesses(self.problem, targets, self.seed))
+        search = self._searched(self._space(), Attempt("straight", motion, targets[0]), unaware=True)
+        hopeless = not search.converged or overlap(search.avoidance, search.trajectory) > HOPELESS
+        if search.outcome in STOP or (not hopeless and search.clear()):
+            self.searches.append(search)
+        else:
+            self.tried.pop()
 
     def _in_processes(self, attempts: Iterator[Attempt]) -> None:
         """The same searches in worker processes; in the end they stand in the order of the attempts."""

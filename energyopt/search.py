@@ -160,7 +160,7 @@ class Search:
         The penalty becomes so stiff, and begins so late, that it moves the optimum by little; rows keep what it leaves. Does
         nothing where the motion keeps clear and no penalty was needed.
         """
-        if self.avoidance is None or not self.converged or self.hard or (not self.stiffness and self._clear()):
+        if self.avoidance is None or not self.converged or self.hard or (not self.stiffness and self.clear()):
             return self.converged
         started, free, unaware = time.perf_counter(), self.objective, not self.stiffness
         if self._stiffen():
@@ -173,7 +173,7 @@ class Search:
         self.spent.solve_s += time.perf_counter() - started
         return self.converged
 
-    def _clear(self) -> bool:
+    def clear(self) -> bool:
         """Whether the motion keeps the clearance, by exact geometry."""
         verdict = clearance_of(self.problem, self.trajectory)
         return verdict is None or verdict[0].amount == 0.0
@@ -222,7 +222,7 @@ class Search:
 
     def _add_clearance(self) -> bool:
         """Rows for pairs that are too close, or that the hinge may have kept from it."""
-        if self._clear():
+        if self.clear():
             return False  # the spheres stick out of the links: what they miss need not matter
         close = close_pairs(self.avoidance, self.trajectory)
         if not close and self.avoidance.eased:
