@@ -1,4 +1,4 @@
-"""What is shipped: the wheel holds the code, its C sources, its style sheet and the catalogue problems; versions and ranges agree."""
+"""What is shipped: the wheel holds code, C sources, style sheet and catalogue problems; versions and ranges agree."""
 
 import importlib.metadata
 import os
