@@ -26,7 +26,7 @@ from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
 from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
-from energyopt.refinement import bisected
+from energyopt.refinement import bisected, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import Outcome
@@ -259,8 +259,7 @@ class Campaign:
 
     def _space(self) -> MotionSpace:
         """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
-        rough = isinstance(self.parameterization, BSpline) and np.any(self.problem.robot.dynamics.coulomb_friction)
-        return self.parameterization.space(self.problem.duration, **({"nodes": ROUGH_NODES} if rough else {}))
+        return self.parameterization.space(self.problem.duration, ROUGH_NODES if rough(self.problem) else None)
 
     def verdict(self, search: Search) -> Violations:
         """The dense check of a search's motion, done once a motion."""

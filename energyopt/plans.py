@@ -65,7 +65,7 @@ class Plan:
             torque_percent, torque_rate (only limits that are set), goal where the goal is Cartesian, clearance where
             there is something to stay clear of.
         violations: the same with margins and places.
-        discretization_error: estimated relative gap of J to the continuous optimum; None where not estimated.
+        discretization_error: estimated relative gap of J to the continuous optimum near this motion; None where not estimated.
         iterations: solver iterations, all refinements together.
         time_s: build, compile, solve, verify [s].
         seed: seed of the guess that led here.

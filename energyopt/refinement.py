@@ -16,6 +16,9 @@ estimate of how far J is from the continuous optimum. Three things are set right
   the last refinement really gained bounds it from both sides (`REPEATED`).
 - The error of the quadrature comes to it: J by the nodes of the program, less J by those of the finer one.
 
+Coulomb friction makes J nearly a step in the velocities: its Hessian holds for velocities below a few hundredths of a rad/s
+only, and no Newton step sees what finer knots gain. There all spans are bisected, and the last gain alone is the measure.
+
 All this looks at the neighbourhood of one motion: other optima are not compared.
 """
 
@@ -38,6 +41,8 @@ SADDLE = 4.5
 """The same where the curvature had to be raised."""
 REPEATED = (0.15, 1.2)
 """The same over the gain of the last refinement, at least and at most: gains mostly shrink to a third from one to the next."""
+CHANCE = 1 / 3
+"""Share of the gain before the last that the last is taken to be at least, where J is rough."""
 UNMEASURED = 0.3
 """Before a refinement has been measured, the estimate has to be below this share of the accuracy asked."""
 NEAR = 1e-2
@@ -73,25 +78,27 @@ class Promise:
     """What a finer space promises.
 
     Attributes:
-        gain: of J.
+        gain: of J; None where it cannot be foreseen.
         by_span: contributions of the coarse spans, (spans,); they may add up to more than the gain.
         convex: whether the curvature was positive as it is.
         quadrature: J of the same motion by the nodes of the finer program.
     """
 
-    gain: float
+    gain: float | None
     by_span: np.ndarray
     convex: bool
     quadrature: float
 
-    def error(self, objective: float, last_gain: float | None) -> float:
-        """Estimated distance to the continuous optimum, in the unit of J.
+    def error(self, objective: float, last_gain: float | None) -> float | None:
+        """Estimated distance to the continuous optimum, in the unit of J; None where nothing is known of it.
 
         Args:
             objective: J by the nodes of the coarse program.
             last_gain: what the last refinement gained; None where there was none.
         """
-        left = (REMAINDER if self.convex else SADDLE) * self.gain
+        if self.gain is None and last_gain is None:
+            return None
+        left = np.inf if self.gain is None else (REMAINDER if self.convex else SADDLE) * self.gain
         if last_gain is not None:
             left = float(np.clip(left, REPEATED[0] * abs(last_gain), REPEATED[1] * abs(last_gain)))
         return left + abs(self.quadrature - objective)
@@ -123,6 +130,22 @@ def promise(space: SplineSpace, fine: NonlinearProgram, x: np.ndarray) -> Promis
     return Promise(quadrature, np.diff(space.breaks), False, quadrature)  # curvature that is not a number, say: anything goes
 
 
+def roughly(space: SplineSpace, fine: NonlinearProgram, x: np.ndarray) -> Promise:
+    """As `promise`, where only the error of the quadrature can be foreseen."""
+    fine.evaluator.move(x)
+    return Promise(None, np.diff(space.breaks), False, fine.evaluator.objective())
+
+
+def measured(gain: float, before: float | None, problem: Problem) -> float:
+    """What the last refinement is taken to have gained; where J is rough, one small gain may be chance after a large one."""
+    return gain if before is None or not rough(problem) else max(gain, CHANCE * abs(before))
+
+
+def rough(problem: Problem) -> bool:
+    """Whether the torque is nearly a step in the velocity."""
+    return bool(np.any(problem.robot.dynamics.coulomb_friction))
+
+
 def shortest_span(problem: Problem) -> float:
     """The span [s] on which accelerations and jerks that have limits are still exact enough to be checked against them.
 
@@ -135,6 +158,12 @@ def shortest_span(problem: Problem) -> float:
     if np.isfinite(limits.acceleration).any():
         least.append((rounding / FORGIVEN) ** 0.5)
     return max(least)
+
+
+def refine_evenly(space: SplineSpace, shortest: float = 0.0) -> SplineSpace:
+    """All spans bisected and the end spans split; nodes of the quadrature about as far apart as before."""
+    fine = refine(space, np.diff(space.breaks), 0.2, shortest)
+    return SplineSpace(fine.breaks, space.degree, max(space.degree + 1, -(-space.nodes // 2)))
 
 
 def refine(space: SplineSpace, cost: np.ndarray, share: float, shortest: float = 0.0) -> SplineSpace:

@@ -253,7 +253,7 @@ def _method(plan: Plan) -> str:
     error = plan.discretization_error
     facts = {
         "Outcome": plan.message,
-        "Distance to the continuous optimum": "not estimated" if error is None else f"{100 * error:.2g} % of J (estimate)",
+        "Distance to the optimum near this motion": "not estimated" if error is None else f"{100 * error:.2g} % of J (estimate)",
         "Iterations": str(plan.iterations),
         "Time": ", ".join(f"{name} {seconds:.3g} s" for name, seconds in plan.time_s.items()),
         "Seed": str(plan.seed),

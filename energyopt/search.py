@@ -20,7 +20,20 @@ from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
-from energyopt.refinement import AIM, MOST_SPANS, UNMEASURED, Promise, bisected, promise, refine, shortest_span
+from energyopt.refinement import (
+    AIM,
+    MOST_SPANS,
+    UNMEASURED,
+    Promise,
+    bisected,
+    measured,
+    promise,
+    refine,
+    refine_evenly,
+    rough,
+    roughly,
+    shortest_span,
+)
 from energyopt.solvers import IpoptOptions, Outcome, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
 from energyopt.transcription.clearance import ClearanceTerms, close_pairs, overlap, penalty_samples, touching_pairs
@@ -132,7 +145,7 @@ class Search:
         previous, self.promise, self.error = self.objective if self.levels else None, None, None
         self._solve_level()
         if self.converged:
-            self.gain = None if previous is None else previous - self.objective
+            self.gain = None if previous is None else measured(previous - self.objective, self.gain, self.problem)
             self.levels += 1
         self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
         return self.converged
@@ -141,17 +154,23 @@ class Search:
         """Estimate `error`, relative to J (a small share of the guess's where J all but vanishes); whether it is low enough."""
         started = time.perf_counter()
         fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
-        self.promise = promise(self.space, fine, fine.guess(self.trajectory))
+        look = roughly if rough(self.problem) else promise
+        self.promise = look(self.space, fine, fine.guess(self.trajectory))
         scale = max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
-        self.error = self.promise.error(self.objective, self.gain) / scale
+        left = self.promise.error(self.objective, self.gain)
+        self.error = None if left is None else left / scale
         self.spent.solve_s += time.perf_counter() - started
-        return self.error <= accuracy * (UNMEASURED if self.gain is None else 1.0)
+        return left is not None and self.error <= accuracy * (UNMEASURED if self.gain is None else 1.0)
 
     def refine(self, accuracy: float) -> bool:
         """Prepare a finer level that should reach an accuracy; False where there is none."""
         if len(self.space.breaks) > MOST_SPANS:
             return False
-        self.space = refine(self.space, self.promise.by_span, AIM * accuracy / self.error, shortest_span(self.problem))
+        shortest = shortest_span(self.problem)
+        if self.promise.gain is None:
+            self.space = refine_evenly(self.space, shortest)
+        else:
+            self.space = refine(self.space, self.promise.by_span, AIM * accuracy / self.error, shortest)
         return True
 
     def harden(self) -> bool:

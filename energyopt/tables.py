@@ -75,7 +75,9 @@ def _estimate(outcome: Outcome) -> str:
     error = outcome.plan.discretization_error
     iterations = f"{outcome.plan.iterations} iterations"
     return (
-        f"; {iterations}" if error is None else f"; within {100 * error:.2g} % of the continuous optimum (estimate); {iterations}"
+        f"; {iterations}"
+        if error is None
+        else f"; within {100 * error:.2g} % of the optimum near this motion (estimate); {iterations}"
     )
 
 

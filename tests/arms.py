@@ -40,6 +40,12 @@ def two_link():
 
 
 @cache
+def rubbing_two_link():
+    """The same with Coulomb friction of a tenth of the largest holding torque."""
+    return from_urdf(factory.planar_arm([0.5, 0.4], [2.0, 1.5], velocity=10.0, effort=100.0), coulomb_friction=(1.4, 0.4))
+
+
+@cache
 def sliders(n=1, masses=None):
     return from_urdf(factory.sliders(n, masses), gravity=(0, 0, 0))
 

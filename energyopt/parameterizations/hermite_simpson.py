@@ -19,7 +19,7 @@ import numpy as np
 
 from energyopt.parameterizations.bspline import graded_breaks
 from energyopt.parameterizations.space import MotionSpace, Rows, Unknowns
-from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
+from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory, gauss_on_spans
 from energyopt.problem_values import whole
 
 _DEFECTS = (  # entries (point: 0 start, 1 middle, 2 end; derivative order; power of h; factor), one defect a line
@@ -51,8 +51,9 @@ class HermiteSimpson:
         # three have no more freedom than the six boundary conditions take
         object.__setattr__(self, "intervals", whole("HermiteSimpson intervals", self.intervals, 4, 500))
 
-    def space(self, duration: float) -> HermiteSimpsonSpace:
-        return HermiteSimpsonSpace(graded_breaks(duration, self.intervals))
+    def space(self, duration: float, nodes: int | None = None) -> HermiteSimpsonSpace:
+        """The motions. ``nodes``: Gauss nodes of the quadrature in each interval; Simpson's rule by default."""
+        return HermiteSimpsonSpace(graded_breaks(duration, self.intervals), nodes)
 
 
 class HermiteSimpsonSpace(MotionSpace):
@@ -60,8 +61,8 @@ class HermiteSimpsonSpace(MotionSpace):
 
     everywhere = True
 
-    def __init__(self, breaks: np.ndarray):
-        self.breaks = np.asarray(breaks, float)
+    def __init__(self, breaks: np.ndarray, nodes: int | None = None):
+        self.breaks, self.nodes = np.asarray(breaks, float), nodes
         self.duration = float(self.breaks[-1])
         self.points = np.sort(np.concatenate([self.breaks, 0.5 * (self.breaks[1:] + self.breaks[:-1])]))
         self.size = 3 * len(self.points)
@@ -81,7 +82,9 @@ class HermiteSimpsonSpace(MotionSpace):
         return columns, values[:, :orders]
 
     def quadrature(self):
-        """Simpson's rule: h/6, 4h/6, h/6 on each interval."""
+        """Simpson's rule: h/6, 4h/6, h/6 on each interval; or Gauss nodes, on the cubic."""
+        if self.nodes:
+            return gauss_on_spans(self.breaks, self.nodes)
         h, weights = np.diff(self.breaks), np.zeros(len(self.points))
         weights[:-1:2] += h / 6
         weights[2::2] += h / 6
@@ -89,7 +92,9 @@ class HermiteSimpsonSpace(MotionSpace):
         return self.points, weights
 
     def quadrature_basis(self):
-        """The unknowns of each point themselves (padded to four columns, as `basis` has)."""
+        """The unknowns of each point themselves (padded to four columns, as `basis` has), or the cubic at the Gauss nodes."""
+        if self.nodes:
+            return self.basis(self.quadrature()[0])
         count = len(self.points)
         columns = 3 * np.arange(count)[:, None] + np.array([0, 1, 2, 2])
         values = np.zeros((count, 3, 4))

@@ -40,8 +40,9 @@ class Sinusoid:
     def __post_init__(self):
         object.__setattr__(self, "harmonics", whole("Sinusoid harmonics", self.harmonics, 0, 64))
 
-    def space(self, duration: float) -> SinusoidSpace:
-        return SinusoidSpace(duration, self.harmonics)
+    def space(self, duration: float, nodes: int | None = None) -> SinusoidSpace:
+        """The motions. ``nodes``: of the quadrature in each of 2 (harmonics + 2) parts; four by default."""
+        return SinusoidSpace(duration, self.harmonics, nodes)
 
 
 class SinusoidSpace(MotionSpace):
@@ -49,9 +50,9 @@ class SinusoidSpace(MotionSpace):
 
     everywhere = False
 
-    def __init__(self, duration: float, harmonics: int):
+    def __init__(self, duration: float, harmonics: int, nodes: int | None = None):
         self.duration = float(duration)
-        self.harmonics = harmonics
+        self.harmonics, self.nodes = harmonics, nodes or 4
         self.size = 6 + 2 * harmonics
         self._functions = self._basis_functions()
 
@@ -60,7 +61,7 @@ class SinusoidSpace(MotionSpace):
         return np.tile(np.arange(self.size), (len(t), 1)), values
 
     def quadrature(self):
-        return gauss_on_spans(np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 3), 4)
+        return gauss_on_spans(np.linspace(0.0, self.duration, 2 * (self.harmonics + 1) + 3), self.nodes)
 
     def unknowns(self, start, goal):
         nv = len(start.velocity)
