@@ -105,11 +105,10 @@ class ProgramFunctions:
         self._evaluator.hessian(float(np.frombuffer(arguments[2])[0]), multipliers, np.frombuffer(results[0]))
 
 
-STALL_ITERATIONS = 40
-STALL_CHANGE = 1e-6
-"""A feasible solve whose objective has not changed by this share of the first in so many iterations is at its end: where the
+STALLS = ((40, 1e-6), (120, 1e-5))
+"""A feasible solve is at its end where in so many iterations its objective has not changed by this share of the first: where the
 optimum is not unique (joints that cost nothing), the gradient falls too slowly to meet a tolerance."""
-STALL_VIOLATION = 1e-9
+STALL_VIOLATION = 1e-8
 
 
 class Monitor(ca.Callback):
@@ -177,8 +176,11 @@ class Monitor(ca.Callback):
             self._progress(len(self._objectives) - 1, self._objectives[-1], self._violation(arguments))
 
     def _unchanged(self) -> bool:
-        recent = self._objectives[-STALL_ITERATIONS:]
-        return len(self._objectives) > STALL_ITERATIONS and max(recent) - min(recent) <= STALL_CHANGE * abs(self._objectives[0])
+        for count, change in STALLS:
+            recent = self._objectives[-count:]
+            if len(self._objectives) > count and max(recent) - min(recent) <= change * abs(self._objectives[0]):
+                return True
+        return False
 
     def _violation(self, arguments) -> float:
         program, x = self._program, np.frombuffer(arguments[0])
