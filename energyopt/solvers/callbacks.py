@@ -105,10 +105,11 @@ class ProgramFunctions:
         self._evaluator.hessian(float(np.frombuffer(arguments[2])[0]), multipliers, np.frombuffer(results[0]))
 
 
-STALLS = ((40, 1e-6), (120, 1e-5))
-"""A feasible solve is at its end where in so many iterations its objective has not changed by this share of the first: where the
+STALL_ITERATIONS = 40
+STALL_CHANGE = 1e-6
+"""A feasible solve whose objective has not changed by this share of the first in so many iterations is at its end: where the
 optimum is not unique (joints that cost nothing), the gradient falls too slowly to meet a tolerance."""
-STALL_VIOLATION = 1e-8
+STALL_VIOLATION = 1e-9
 
 
 class Monitor(ca.Callback):
@@ -176,11 +177,8 @@ class Monitor(ca.Callback):
             self._progress(len(self._objectives) - 1, self._objectives[-1], self._violation(arguments))
 
     def _unchanged(self) -> bool:
-        for count, change in STALLS:
-            recent = self._objectives[-count:]
-            if len(self._objectives) > count and max(recent) - min(recent) <= change * abs(self._objectives[0]):
-                return True
-        return False
+        recent = self._objectives[-STALL_ITERATIONS:]
+        return len(self._objectives) > STALL_ITERATIONS and max(recent) - min(recent) <= STALL_CHANGE * abs(self._objectives[0])
 
     def _violation(self, arguments) -> float:
         program, x = self._program, np.frombuffer(arguments[0])
