@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from energyopt import problem_values as values
 from energyopt.errors import ProblemError
 from energyopt.geometry.bodies import Attached
+from energyopt.geometry.names import require_frames, require_own_names
 from energyopt.geometry.potential import RepulsivePotential
 from energyopt.geometry.shapes import Box, HalfSpace, Shape
 from energyopt.geometry.workspace import Workspace
@@ -141,7 +142,9 @@ class Problem:
         _ = self.limits
         put("obstacles", values.instances("obstacles", self.obstacles, Shape, "shapes such as energyopt.Box(size, pose)"))
         put("attached", values.instances("attached", self.attached, Attached, "energyopt.Attached(shape, frame)"))
-        put("workspace", _workspaces(self.workspace, self.robot))
+        put("workspace", _workspaces(self.workspace))
+        require_frames(self.robot, self.workspace, self.attached)
+        require_own_names(self.robot, self.obstacles, self.workspace, self.attached)
         put("clearance", values.real("clearance", self.clearance, lambda d: 0 <= d <= MOST_CLEARANCE, _CLEARANCE))
         if self.potential is not None and not isinstance(self.potential, RepulsivePotential):
             expected = "energyopt.RepulsivePotential(gain, safe_distance)"
@@ -168,13 +171,9 @@ class Problem:
         return None if isinstance(self.goal, FramePose) else self.goal
 
 
-def _workspaces(given: object, robot: RobotModel) -> tuple[Workspace, ...]:
-    """What ``workspace`` may be, as `Workspace` objects whose frames the robot has."""
+def _workspaces(given: object) -> tuple[Workspace, ...]:
+    """What ``workspace`` may be, as `Workspace` objects."""
     if given is None:
         return ()
     several = list(given) if isinstance(given, (list, tuple)) else [given]
-    made = tuple(item if isinstance(item, Workspace) else Workspace(item) for item in several)
-    for item in made:
-        for frame in item.frames:
-            robot.frame_id(frame)
-    return made
+    return tuple(item if isinstance(item, Workspace) else Workspace(item) for item in several)

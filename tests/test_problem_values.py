@@ -124,3 +124,31 @@ def test_numbers_pass_and_others_do_not():
         with pytest.raises(ProblemError, match=r"name is .*: expected a name, a text"):
             text("name", wrong, "a name")
     assert len(shown("x" * 5000)) == 80 and "\n" not in shown("a\nb")
+
+
+BOX = eo.Box(0.1, (2, 2, 2), name="box")
+BAD_NAMES = {
+    "two obstacles": ({"obstacles": [BOX, eo.Sphere(0.1, name="box")]}, 'obstacles[1].name is "box", as that of obstacles[0]'),
+    "a name that an unnamed one gets": ({"obstacles": [eo.Box(0.1), eo.Sphere(0.1, name="box 1")]}, '"box 1", as that of obst'),
+    "a link": ({"obstacles": [eo.Sphere(0.1, (2, 2, 2), name="link1")]}, 'obstacles[0].name is "link1", as a frame of the robot'),
+    "a tool like a link": ({"attached": [eo.Attached(eo.Sphere(0.1), name="link2")]}, 'attached[0].name is "link2", as a frame'),
+    "a tool like an obstacle": (
+        {"obstacles": BOX, "attached": eo.Attached(eo.Sphere(0.1), name="box")}, 'attached[0].name is "box", as that of obstacles'
+    ),
+    "two tools": ({"attached": 2 * [eo.Attached(eo.Sphere(0.1))]}, 'attached[1].name is "attached", as that of attached[0]'),
+    "a wall like an obstacle": ({"obstacles": BOX, "workspace": eo.Box(9, name="box")}, 'workspace[0].name is "box", as that of'),
+    "a tool nowhere": ({"attached": eo.Attached(eo.Sphere(0.1), "hand")}, "attached[0].frame", "no frame named 'hand'"),
+    "a wall for nothing": ({"workspace": eo.Workspace(eo.Box(9), "hand")}, "workspace[0].frames", "no frame named 'hand'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_NAMES)
+def test_names_that_reports_could_not_tell_apart_are_refused(case):
+    options, *words = BAD_NAMES[case]
+    with pytest.raises(ProblemError) as caught:
+        problem(**options)
+    assert "\n" not in str(caught.value) and all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_walls_without_a_name_need_none():
+    assert len(problem(workspace=[eo.Box(9), eo.Box(8)], obstacles=[BOX, eo.Box(0.1)]).workspace) == 2

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from energyopt.errors import GeometryError, ProblemError, RobotError
+from energyopt.errors import GeometryError, ProblemError
 from energyopt.geometry import Attached, Moving, RepulsivePotential, Workspace
 from energyopt.geometry.shapes import SHAPES, Shape
 from energyopt.io.avoidance_schema import CALLED, MOTION, SIZES, sizes_of
@@ -26,16 +26,16 @@ def avoidance_arguments(document: Document, table: Entry, robot: RobotModel, ang
 
     Args:
         document: the file; meshes are looked for in its folder. table: its content.
-        robot: the arm, for the names of its frames. angles: "rad" or "deg".
+        robot: the arm, for its tool frame. angles: "rad" or "deg".
 
     Raises:
         ProblemError: names file, line, key, value and expectation.
     """
     found: dict[str, Any] = {}
     if "obstacles" in table:
-        found["obstacles"] = _obstacles(document, table["obstacles"], robot, angles)
+        found["obstacles"] = _obstacles(document, table["obstacles"], angles)
     if "workspace" in table:
-        found["workspace"] = _workspaces(document, table["workspace"], robot, angles)
+        found["workspace"] = _workspaces(document, table["workspace"], angles)
     if "attached" in table:
         found["attached"] = _attached(document, table["attached"], robot, angles)
     if "potential" in table:
@@ -43,33 +43,27 @@ def avoidance_arguments(document: Document, table: Entry, robot: RobotModel, ang
     return found
 
 
-def _obstacles(document: Document, entries: list[Entry], robot: RobotModel, angles: str) -> list[Shape]:
-    made, taken = [], dict.fromkeys(robot.frame_names, "a frame of the robot")
+def _obstacles(document: Document, entries: list[Entry], angles: str) -> list[Shape]:
+    made = []
     for k, entry in enumerate(entries):
         key = f"obstacles[{k}]"
-        _claim(document, key, entry.get("name"), taken)
         made.append(_shape(document, key, entry, _place(document, key, entry, angles), entry.get("name", "")))
     return made
 
 
-def _workspaces(document: Document, section: Entry | list[Entry], robot: RobotModel, angles: str) -> list[Workspace]:
-    made, taken = [], {}
+def _workspaces(document: Document, section: Entry | list[Entry], angles: str) -> list[Workspace]:
+    made = []
     for key, entry, number in _listed("workspace", section):
         frames = entry.get("frames", [])
-        for frame in [frames] if isinstance(frames, str) else frames:
-            _check_frame(document, f"{key}.frames", frame, robot)
-        _claim(document, key, entry.get("name"), taken)
         region = _shape(document, key, entry, pose_of(document, key, entry, angles), entry.get("name", f"workspace{number}"))
         made.append(_made(document, key, entry, lambda region=region, frames=frames: Workspace(region, frames)))
     return made
 
 
 def _attached(document: Document, section: Entry | list[Entry], robot: RobotModel, angles: str) -> list[Attached]:
-    made, taken = [], dict.fromkeys(robot.frame_names, "a frame of the robot")
+    made = []
     for key, entry, number in _listed("attached", section):
         frame = entry.get("frame", robot.tool_frame)
-        _check_frame(document, f"{key}.frame", frame, robot)
-        _claim(document, key, entry.get("name"), taken)
         shape = _shape(document, key, entry, pose_of(document, key, entry, angles), entry.get("name", f"attached{number}"))
         made.append(_made(document, key, entry, lambda shape=shape, frame=frame: Attached(shape, frame)))
     return made
@@ -118,21 +112,6 @@ def _place(document: Document, key: str, entry: Entry, angles: str) -> np.ndarra
     poses = [pose_of(document, f"{key}.waypoints[{j}]", station, angles) for j, station in enumerate(stations)]
     times = [station["time"] for station in stations]
     return _made(document, f"{key}.waypoints", entry, lambda: Moving(poses, times=times, smooth=entry.get("smooth", False)))
-
-
-def _claim(document: Document, key: str, name: str | None, taken: dict[str, str]) -> None:
-    """Reports name pairs: no two things may have the same name."""
-    if name in taken:
-        raise document.error(f"{key}.name", f'is "{name}", as {taken[name]}; expected a name of its own')
-    if name is not None:
-        taken[name] = f"that of {key}"
-
-
-def _check_frame(document: Document, key: str, frame: str, robot: RobotModel) -> None:
-    try:
-        robot.frame_id(frame)
-    except RobotError as error:
-        raise ProblemError(f"{document.place(key)}: {key}: {error}") from None
 
 
 def _made(document: Document, key: str, entry: Entry, make: Callable[[], Made]) -> Made:

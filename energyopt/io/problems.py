@@ -162,14 +162,15 @@ def key_in_file(document: Document, key: str) -> tuple[str, str]:
         kind = key.removesuffix("_limits")
         of_robot = kind in document.table["robot"].get("limits", {}) and kind not in document.table.get("limits", {})
         name = f"robot.limits.{kind}" if of_robot else f"limits.{kind}"
-    elif key.partition("[")[0] in PROBLEM_FILE.keys:
-        name = key
+    elif (section := re.match(r"\w*", key)[0]) in PROBLEM_FILE.keys:
+        alone = isinstance(document.table.get(section), dict)  # one table is written without a number
+        name = key.replace("[0]", "", 1) if alone else key
     return document.place(name), name
 
 
 def _in_file(document: Document, message: str) -> str:
     """A message of `Problem`, which begins with the name of an argument, in the words of the file."""
-    begins = re.match(r"(waypoints\[\d+\]|[a-z_]+)", message)
+    begins = re.match(r"(waypoints|obstacles|workspace|attached)\[\d+\](\.(name|frames?)\b)?|[a-z_]+", message)
     key = begins[0] if begins else ""
     place, name = key_in_file(document, key)
     return f"{place}: {name}{message.removeprefix(key)}" if key else f"{place}: {message}"
