@@ -8,11 +8,11 @@ import energyopt
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "errors messages stopping threads versions workers",
-    "dynamics",
+    "actuators dynamics",
     "robots",
     "geometry",
     "collision",
-    "problem problem_values parameterizations",
+    "costs problem problem_values parameterizations",
     "avoidance clearance",
     "sampling waypoints plans solvers arguments",
     "limit_checks baselines inverse_kinematics feasibility impossible least_times reach",
