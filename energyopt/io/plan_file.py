@@ -179,8 +179,8 @@ def _trajectory(kind: str, arrays: dict[str, np.ndarray], nv: int) -> Trajectory
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise ValueError(f"trajectory.{name} holds a number that is not finite")
-    if not 1 <= int(arrays.get("degree", np.array(3))) <= MAX_DEGREE:
-        raise ValueError(f"the degree is {int(arrays['degree'])}; expected 1 to {MAX_DEGREE}")
+        if name.split(".")[-1] == "degree" and not 1 <= int(array) <= MAX_DEGREE:
+            raise ValueError(f"the degree is {int(array)}; expected 1 to {MAX_DEGREE}")
     trajectory = trajectory_from_arrays(kind, arrays)
     if trajectory.nv != nv:
         raise ValueError(f"the trajectory has {trajectory.nv} joints and the robot {nv}")

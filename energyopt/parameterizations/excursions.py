@@ -2,7 +2,8 @@
 
     |q(t) − q(t_m)| ≤ Σ_k |q⁽ᵏ⁾(t_m)| hᵏ / k!  ( + max |q⁽ⁿ⁺¹⁾| hⁿ⁺¹ / (n+1)! ),
 
-which for a polynomial piece ends with its degree, and for a Fourier sum is closed by the sum of its amplitudes.
+which for a polynomial piece ends with its degree, and for a Fourier sum is closed by the sum of its amplitudes. A path can be
+left no farther than the excursion of its time law leads.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from math import factorial
 import numpy as np
 
 from energyopt.errors import GeometryError
+from energyopt.parameterizations.path_trajectory import PathTrajectory
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, SinusoidTrajectory, SplineTrajectory, Trajectory
 
 FOURIER_ORDERS = 3
@@ -27,6 +29,9 @@ def excursions(trajectory: Trajectory, middle: np.ndarray, half: np.ndarray) -> 
     Raises:
         GeometryError: a kind of motion whose derivatives have no known bound.
     """
+    if isinstance(trajectory, PathTrajectory):
+        ahead = excursions(trajectory.law, middle, half)[:, 0]
+        return excursions(trajectory.path, trajectory.places(middle), ahead)
     if isinstance(trajectory, SplineTrajectory):
         orders, rest = trajectory.degree, 0.0
     elif isinstance(trajectory, PolynomialTrajectory):

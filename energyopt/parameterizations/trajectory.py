@@ -90,6 +90,14 @@ class Trajectory(ABC):
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The numbers that define the motion exactly (for saving)."""
 
+    @abstractmethod
+    def stretched(self, duration: float) -> Trajectory:
+        """The same motion made slower or faster: q(t·T/duration), exactly.
+
+        Args:
+            duration: the new T [s], positive.
+        """
+
     def sample_times(self, per_span: int = 20) -> np.ndarray:
         """A dense grid: ``per_span`` + 1 evenly spaced times in every smooth span, shared ends once."""
         spans = np.linspace(self.breaks[:-1], self.breaks[1:], per_span + 1, axis=1)
@@ -135,6 +143,9 @@ class SplineTrajectory(Trajectory):
         pieces = [self._evaluate(starts, k) / factorial[k] for k in range(self.degree + 1)]
         return self.breaks, np.stack(pieces, axis=1)
 
+    def stretched(self, duration: float) -> SplineTrajectory:
+        return SplineTrajectory(_stretched_times(self.spline.t, duration), self.spline.c, self.degree)
+
     def to_arrays(self) -> dict[str, np.ndarray]:
         return {"knots": self.spline.t, "coefficients": self.spline.c, "degree": np.array(self.degree)}
 
@@ -160,6 +171,10 @@ class PolynomialTrajectory(Trajectory):
         if order not in self._pieces:
             self._pieces[order] = self._pieces[0].derivative(order)
         return self._pieces[order](t)
+
+    def stretched(self, duration: float) -> PolynomialTrajectory:
+        powers = (self.duration / duration) ** np.arange(self.coefficients.shape[1])
+        return PolynomialTrajectory(_stretched_times(self.breaks, duration), self.coefficients * powers[:, None])
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         return {"breaks": self.breaks, "coefficients": self.coefficients}
@@ -196,6 +211,9 @@ class SinusoidTrajectory(Trajectory):
         value = value + (np.sin(phase) * scale) @ self.sine + (np.cos(phase) * scale) @ self.cosine
         return value / self.duration**order
 
+    def stretched(self, duration: float) -> SinusoidTrajectory:
+        return SinusoidTrajectory(duration, self.polynomial, self.sine, self.cosine)
+
     def to_arrays(self) -> dict[str, np.ndarray]:
         return {
             "duration": np.array(self.duration),
@@ -205,12 +223,8 @@ class SinusoidTrajectory(Trajectory):
         }
 
 
-def trajectory_from_arrays(kind: str, arrays: dict[str, np.ndarray]) -> Trajectory:
-    """Make the trajectory whose `to_arrays` gave ``arrays``; the numbers are the same bit for bit."""
-    if kind == SplineTrajectory.kind:
-        return SplineTrajectory(arrays["knots"], arrays["coefficients"], int(arrays["degree"]))
-    if kind == PolynomialTrajectory.kind:
-        return PolynomialTrajectory(arrays["breaks"], arrays["coefficients"])
-    if kind == SinusoidTrajectory.kind:
-        return SinusoidTrajectory(float(arrays["duration"]), arrays["polynomial"], arrays["sine"], arrays["cosine"])
-    raise ValueError(f"unknown kind of trajectory '{kind}'")
+def _stretched_times(times: np.ndarray, duration: float) -> np.ndarray:
+    """Times from 0 to T as the same shares of ``duration``; the last is exactly that."""
+    stretched = times * (duration / times[-1])
+    stretched[times == times[-1]] = duration
+    return stretched
