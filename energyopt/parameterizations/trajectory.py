@@ -90,13 +90,15 @@ class Trajectory(ABC):
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The numbers that define the motion exactly (for saving)."""
 
-    @abstractmethod
     def stretched(self, duration: float) -> Trajectory:
         """The same motion made slower or faster: q(t·T/duration), exactly.
 
         Args:
             duration: the new T [s], positive.
         """
+        from energyopt.parameterizations.path_trajectory import PathTrajectory
+
+        return PathTrajectory(self, SplineTrajectory([0.0, 0.0, duration, duration], [[0.0], [self.duration]], 1))
 
     def sample_times(self, per_span: int = 20) -> np.ndarray:
         """A dense grid: ``per_span`` + 1 evenly spaced times in every smooth span, shared ends once."""
