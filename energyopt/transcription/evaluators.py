@@ -123,6 +123,13 @@ class CompiledEvaluator:
         self._program = _Program(**numbers, **{name: array.ctypes.data for name, array in self._arrays.items()})
         self._pointer = ctypes.byref(self._program)
 
+    @property
+    def native(self) -> tuple[int, dict[str, int]]:
+        """Addresses of the C struct and, by name, of the functions that take it: a solver in C needs no Python to call them."""
+        names = ("state", "objective", "constraints", "gradient", "jacobian", "hessian")
+        address = lambda name: ctypes.cast(getattr(self._library, f"eo_program_{name}"), ctypes.c_void_p).value
+        return ctypes.addressof(self._program), {name: address(name) for name in names}
+
     def move(self, x: np.ndarray) -> None:
         self._library.eo_program_state(self._pointer, _pointer(x))
 
