@@ -2,12 +2,25 @@
 
 from energyopt.costs.acceleration_squared import AccelerationSquared
 from energyopt.costs.cost import CostTerm, Integrand, Samples, checked_costs
+from energyopt.costs.electrical_energy import ElectricalEnergy
 from energyopt.costs.jerk_squared import JerkSquared
+from energyopt.costs.measure import integral, samples_of, smoothing_error
+from energyopt.costs.mechanical_power import MechanicalPower
+from energyopt.costs.positive_power import PositivePower
 from energyopt.costs.torque_squared import TorqueSquared
 from energyopt.costs.velocity_squared import VelocitySquared
 
 COSTS: dict[str, type[CostTerm]] = {
-    term.name: term for term in (TorqueSquared, VelocitySquared, AccelerationSquared, JerkSquared)
+    term.name: term
+    for term in (
+        TorqueSquared,
+        VelocitySquared,
+        AccelerationSquared,
+        JerkSquared,
+        MechanicalPower,
+        PositivePower,
+        ElectricalEnergy,
+    )
 }
 """Every cost term by its name."""
 
@@ -15,10 +28,16 @@ __all__ = [
     "COSTS",
     "AccelerationSquared",
     "CostTerm",
+    "ElectricalEnergy",
     "Integrand",
     "JerkSquared",
+    "MechanicalPower",
+    "PositivePower",
     "Samples",
     "TorqueSquared",
     "VelocitySquared",
     "checked_costs",
+    "integral",
+    "samples_of",
+    "smoothing_error",
 ]

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from energyopt.actuators import ActuatorModel, Actuators, actuators_of
 from energyopt.dynamics.body import COULOMB_SMOOTHING, Dynamics
 from energyopt.errors import RobotError
 from energyopt.robots import preparation as prepare
@@ -60,6 +61,7 @@ def load_robot(
     continuous_range: Any = None,
     tool_frame: str | None = None,
     home: ArrayLike | None = None,
+    actuators: Actuators | ActuatorModel | Sequence[ActuatorModel] | Mapping[str, ActuatorModel] | None = None,
 ) -> RobotModel:
     """Load a robot of the catalogue, or a URDF file, check it, and make it ready to plan with.
 
@@ -84,6 +86,7 @@ def load_robot(
         continuous_range: (lower, upper) [rad] of continuous joints, or a dict of such pairs.
         tool_frame: link or joint whose motion is reported.
         home: resting configuration [rad or m].
+        actuators: electric drives, for costs and accounts in electrical joules; a dict names every joint.
 
     Returns:
         The robot; its ``notes`` say what loading changed or assumed.
@@ -126,6 +129,7 @@ def load_robot(
         home=_home(entry, home, names, limits, where),
         source=path,
         srdf=_srdf(entry, path),
+        actuators=actuators_of(actuators, names, where),
     )
     robot.frame_id(tool)
     return robot

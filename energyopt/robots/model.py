@@ -18,6 +18,8 @@ from energyopt.robots.messages import as_numbers, shown
 if TYPE_CHECKING:
     import casadi
 
+    from energyopt.actuators import Actuators
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -54,6 +56,7 @@ class RobotModel:
         home: a resting configuration inside the limits [rad or m], shape (nv,).
         source: the URDF file the robot came from; relative mesh paths start there.
         srdf: semantic description (pairs of links that may touch), where one was found.
+        actuators: the electric drives of the joints, where they are known.
     """
 
     name: str
@@ -66,6 +69,7 @@ class RobotModel:
     home: np.ndarray = field(default_factory=lambda: np.zeros(0))
     source: Path | None = None
     srdf: Path | None = None
+    actuators: Actuators | None = None
 
     @property
     def model(self) -> pin.Model:
