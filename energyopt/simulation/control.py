@@ -1,13 +1,13 @@
 """What the motors of a replayed arm do: planned torque, corrected for where the arm is, and feedback.
 
-    τ = τ_plan(t) + [ρ(q, q̇, q̈_plan) − ρ(q_plan, q̇_plan, q̈_plan)] + M(q) (k_p (q_plan − q) + k_d (q̇_plan − q̇)),
+    τ = τ_plan(t) + ρ(q, q̇, q̈_plan + k_p (q_plan − q) + k_d (q̇_plan − q̇)) − ρ(q_plan, q̇_plan, q̈_plan),
 
-cut to the torque limits; ρ is the rigid-body torque by the planned robot's model, M the mass matrix of the simulated one
-(computed-torque control: Luh, Walker and Paul, IEEE Trans. Automatic Control 25, 1980). Every joint's error then obeys
-ë + k_d ė + k_p e ≈ 0, whatever it carries. Neither correction can go: constant gains that suit the shoulder make a light
-wrist diverge, and without the bracket gravity pulls a link that stands upright away from its plan with the stiffness
-−M⁻¹ ∂g/∂q: g/l for a pendulum, 2500 1/s² for a hand whose mass is 4 mm from the axis of its wrist, more than any usual
-gain. Both vanish on the planned motion.
+cut to the torque limits; ρ is the rigid-body torque by the planned robot's model: the controller knows no other, whatever arm
+is simulated (computed-torque control: Luh, Walker and Paul, IEEE Trans. Automatic Control 25, 1980). With M the mass matrix in
+ρ, the feedback is M times the correction, and the error of an arm that is the planned one obeys ë + k_d ė + k_p e ≈ 0 in every
+joint. Nothing of it can go: constant gains that suit the shoulder make a light wrist diverge, and at ρ(q_plan, …) alone gravity
+pulls a link that stands upright away from its plan with the stiffness −M⁻¹ ∂g/∂q: g/l for a pendulum, 2500 1/s² for a hand
+whose mass is 4 mm from the axis of its wrist, more than any usual gain. The difference vanishes on the planned motion.
 
 A motor holds its torque for a step, so the feed-forward is the planned torque at the step's start with the step's mean
 acceleration (q̇_plan(t + h) − q̇_plan(t)) / h. Friction is fed forward at the planned velocity only: at the actual one it would
@@ -80,10 +80,10 @@ class ComputedTorque:
         """The correction k_p (q_plan − q) + k_d (q̇_plan − q̇) [rad/s²] at the k-th instant, shape (nv,)."""
         return self.gains.stiffness * (self.q[k] - q) + self.gains.damping * (self.v[k] - v)
 
-    def torque(self, k: int, q: np.ndarray, v: np.ndarray, feedback: np.ndarray) -> np.ndarray:
-        """τ [N·m] at the k-th instant, where ``feedback`` is M times the correction; shape (nv,)."""
-        change = pin.rnea(self.robot.model, self._data, q, v, self.a[k]) - self.rigid[k]
-        return np.minimum(np.maximum(self.forward[k] + change + feedback, -self.limit), self.limit)
+    def torque(self, k: int, q: np.ndarray, v: np.ndarray, correction: np.ndarray) -> np.ndarray:
+        """τ [N·m] at the k-th instant in the state ``q``, ``v``, with the correction of `acceleration`; shape (nv,)."""
+        change = pin.rnea(self.robot.model, self._data, q, v, self.a[k] + correction) - self.rigid[k]
+        return np.minimum(np.maximum(self.forward[k] + change, -self.limit), self.limit)
 
     @cached_property
     def _data(self) -> pin.Data:
