@@ -9,6 +9,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Attached": "geometry",
+    "BatchInterrupted": "errors",
     "BSpline": "parameterizations",
     "Box": "geometry",
     "Capsule": "geometry",
@@ -23,6 +24,7 @@ _HOME = {
     "NoSolutionFound": "errors",
     "Payload": "robots",
     "Plan": "plans",
+    "PlanFailure": "batch",
     "Problem": "problem",
     "ReplayLog": "simulation",
     "RepulsivePotential": "geometry",
@@ -37,6 +39,8 @@ _HOME = {
     "load_problem": "io",
     "load_robot": "robots",
     "plan": "planning",
+    "plan_each": "batch",
+    "plan_many": "batch",
     "plot_clearance": "plotting",
     "plot_joints": "plotting",
     "plot_metrics": "plotting",

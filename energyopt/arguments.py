@@ -28,6 +28,15 @@ def check_planning(problem: Problem, parameterization: Any, options: Mapping[str
         InputError: one of them makes no sense.
     """
     check_problem("plan", problem)
+    check_options(parameterization, options)
+
+
+def check_options(parameterization: Any, options: Mapping[str, Any]) -> None:
+    """The arguments of `energyopt.plan` that do not depend on the problem.
+
+    Raises:
+        InputError: one of them makes no sense.
+    """
     if not isinstance(parameterization, BSpline | Sinusoid | HermiteSimpson):
         expected = "BSpline, Sinusoid or HermiteSimpson, such as energyopt.BSpline()"
         raise InputError(f"parameterization is {shown(parameterization)}: expected {expected}")
@@ -87,12 +96,12 @@ def _truth(key: str, value: Any) -> None:
 
 
 def _verbose(key: str, value: Any) -> None:
-    if not isinstance(value, bool) and not _takes(value, 4):
+    if not isinstance(value, bool) and not takes(value, 4):
         function = "a function of (phase, iteration, objective, violation)"
         raise InputError(f"{key} is {shown(value)}: expected True, False, or {function}")
 
 
-def _takes(function: Any, count: int) -> bool:
+def takes(function: Any, count: int) -> bool:
     """Whether a value can be called with so many arguments; built-in functions that do not tell are believed."""
     try:
         inspect.signature(function).bind(*range(count))

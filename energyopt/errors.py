@@ -5,7 +5,7 @@ Every message is one line that says what is wrong, where, what was expected, and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from energyopt.plans import Plan
@@ -53,3 +53,15 @@ class NoSolutionFound(EnergyOptError):
     def __init__(self, plan: Plan):
         super().__init__(plan.message)
         self.plan = plan
+
+
+class BatchInterrupted(KeyboardInterrupt):
+    """Ctrl-C while several problems were being planned: a KeyboardInterrupt that keeps what was done.
+
+    Attributes:
+        results: one a problem that was drawn, in order: its plan, or a failure that says that it was not reached.
+    """
+
+    def __init__(self, results: list[Any]):
+        super().__init__(f"interrupted; {sum(result.solved for result in results)} of {len(results)} problems are solved")
+        self.results = results

@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "errors messages stopping threads versions workers",
+    "errors messages ordered pool progress stopping threads versions workers",
     "actuators dynamics",
     "robots",
     "geometry",
@@ -22,6 +22,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "search",
     "campaign",
     "planning io",
+    "parcels places batch",
     "simulation",
     "metrics",
     "validation validation_text",

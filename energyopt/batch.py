@@ -1,0 +1,206 @@
+"""plan_many(): thousands of problems over processes, other executors, or the machines of a dask cluster.
+
+Problems are drawn from their iterable as workers fall free, and results are handed out in the order of the problems, so that at
+any time a bounded number of either is held. Each problem ends in a result of its own: a `Plan`, or a `PlanFailure` that says why
+there is none. What is found does not depend on the number of processes: every plan is made in one process, on one thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import partial
+from inspect import signature
+from typing import Any
+
+from energyopt.arguments import check_names, check_options, check_problem, takes
+from energyopt.errors import BatchInterrupted, EnergyOptError, InputError, NoSolutionFound
+from energyopt.ordered import Interrupted, Job, Undrawn, in_order
+from energyopt.parameterizations import BSpline
+from energyopt.parcels import packed, plan_parcel
+from energyopt.places import Place
+from energyopt.planning import Parameterization, plan
+from energyopt.plans import Plan
+from energyopt.problem import Problem
+from energyopt.problem_values import shown
+from energyopt.progress import bar_on_terminal
+from energyopt.workers import WorkerError, no_more_processes
+
+_OWN = ("problem", "parameterization", "verbose", "throw")
+_LOST = ("KilledWorker", "WorkerDied", "CommClosedError")
+"""Errors of dask.distributed that say that a worker is gone, by name: it is not imported here."""
+
+Counter = Callable[[int, int, int | None], None]
+"""Called with (done, failed, total) whenever a problem ends; the total is None where the iterable does not tell its length."""
+
+
+class FailureStatus(str, Enum):
+    """Why a problem of a batch has no plan."""
+
+    BAD_INPUT = "BAD_INPUT"
+    """The problem is no problem, is impossible whatever the motion, or cannot be sent."""
+    ERROR = "ERROR"
+    """Planning ended with an unexpected error; its notes hold the traceback."""
+    WORKER_LOST = "WORKER_LOST"
+    """The process that planned it ended, twice over where it could be replaced."""
+    INTERRUPTED = "INTERRUPTED"
+    """Ctrl-C came first."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanFailure:
+    """The result of a problem that has no plan; `status`, `message`, `solved` and `problem` are there as in a `Plan`.
+
+    Attributes:
+        number: place in the batch, from 0.
+        problem: what was given.
+        status: why; message: the same in one line.
+        error: what was raised, if anything was.
+    """
+
+    number: int
+    problem: Any
+    status: FailureStatus
+    message: str
+    error: BaseException | None = None
+
+    @property
+    def solved(self) -> bool:
+        return False
+
+
+def plan_many(
+    problems: Iterable[Problem],
+    parameterization: Parameterization | None = None,
+    *,
+    executor: Executor | Any | None = None,
+    processes: int | None = None,
+    progress: bool | Counter = True,
+    throw: bool = False,
+    **options: Any,
+) -> list[Plan | PlanFailure]:
+    """Plan many problems in parallel; one that fails spoils no other.
+
+    Args:
+        problems: any iterable, such as a generator; items are drawn as they are needed.
+        parameterization, options: as for `plan`; a time limit is for each problem.
+        executor: where to plan: an executor of `concurrent.futures`, or a ``dask.distributed.Client``. It stays open.
+        processes: worker processes where there is no executor; one a core by default.
+        progress: a bar on standard error, where that is a terminal; or a function called with (done, failed, total).
+        throw: raise at the first problem, in their order, that has no valid plan.
+
+    Returns:
+        one result a problem, in the order of the problems.
+
+    Raises:
+        InputError: an argument makes no sense. BatchInterrupted: Ctrl-C; its ``results`` are all there are so far.
+        NoSolutionFound, or what planning raised: only with ``throw``.
+    """
+    results: list[Plan | PlanFailure] = []
+    given = {"executor": executor, "processes": processes, "progress": progress, "throw": throw}
+    try:
+        for result in plan_each(problems, parameterization, **given, **options):
+            results.append(result)
+    except BatchInterrupted as interrupt:
+        raise BatchInterrupted(results + interrupt.results) from None
+    except KeyboardInterrupt:
+        raise BatchInterrupted(results) from None
+    return results
+
+
+def plan_each(
+    problems: Iterable[Problem],
+    parameterization: Parameterization | None = None,
+    *,
+    executor: Executor | Any | None = None,
+    processes: int | None = None,
+    progress: bool | Counter = True,
+    throw: bool = False,
+    **options: Any,
+) -> Iterator[Plan | PlanFailure]:
+    """As `plan_many`, one result after another: what the caller does not keep is not kept. Workers end with the iterator.
+
+    Arguments are checked at once. After Ctrl-C, ``results`` of `BatchInterrupted` are those that were not handed out yet.
+    """
+    _check(problems, progress, throw, parameterization, options)
+    total = len(problems) if hasattr(problems, "__len__") else None
+    options = {"parameterization": parameterization, **options}
+    place = Place.of(executor, processes, total)
+    return _each(problems, place, options, (progress, total), throw)
+
+
+def _each(problems: Iterable, place: Place, options: dict, watch: tuple, throw: bool) -> Iterator[Plan | PlanFailure]:
+    with place.open() as executor, _counted(*watch) as ended:
+        try:
+            for job in in_order(problems, partial(_submit, executor, options), place.window, ended):
+                result = outcome_of(job)
+                if throw and not result.solved:
+                    raise NoSolutionFound(result) if isinstance(result, Plan) else result.error
+                yield result
+        except Interrupted as interrupt:
+            raise BatchInterrupted([outcome_of(job) for job in interrupt.jobs]) from None
+
+
+def _submit(executor: Executor, options: dict, problem: Any) -> Future:
+    check_problem("plan_many", problem)
+    if isinstance(executor, ThreadPoolExecutor):
+        return executor.submit(_plan_here, problem, options)
+    return executor.submit(plan_parcel, packed(problem), options)
+
+
+def _plan_here(problem: Problem, options: dict) -> Plan:
+    """In a thread of this process: nothing is sent."""
+    with no_more_processes():
+        return plan(problem, throw=False, **options)
+
+
+def outcome_of(job: Job) -> Plan | PlanFailure:
+    """The result of a job, whatever became of it; one that is not done was interrupted."""
+    problem = None if isinstance(job.item, Undrawn) else job.item
+    fail = partial(PlanFailure, job.number, problem)
+    if not job.future.done():
+        return fail(FailureStatus.INTERRUPTED, "interrupted before it was planned")
+    try:
+        return replace(job.future.result(), problem=problem)
+    except InputError as error:
+        return fail(FailureStatus.BAD_INPUT, one_line(error), error)
+    except (Exception, CancelledError) as error:
+        lost = isinstance(error, (WorkerError, BrokenExecutor, CancelledError)) or type(error).__name__ in _LOST
+        status = FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR
+        named = one_line(error) if isinstance(error, EnergyOptError) else f"{type(error).__name__}: {one_line(error)}"
+        return fail(status, named, error)
+
+
+def one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextmanager
+def _counted(progress: bool | Counter, total: int | None) -> Iterator[Callable[[Job], None]]:
+    """What counts the jobs that end and shows it."""
+    bar = bar_on_terminal() if progress is True else None
+    show = bar or (progress if callable(progress) else None)
+    count = [0, 0]
+
+    def ended(job: Job) -> None:
+        count[0] += 1
+        count[1] += not outcome_of(job).solved
+        show(*count, total)
+
+    try:
+        yield ended if show else lambda job: None
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _check(problems: Any, progress: Any, throw: Any, parameterization: Any, options: dict) -> None:
+    if isinstance(problems, (Problem, str)) or not isinstance(problems, Iterable):
+        raise InputError(f"plan_many: problems is {shown(problems)}: expected an iterable of energyopt.Problem, such as a list")
+    check_names("plan_many", options, [name for name in signature(plan).parameters if name not in _OWN])
+    check_options(BSpline() if parameterization is None else parameterization, {**options, "throw": throw})
+    if not isinstance(progress, bool) and not takes(progress, 3):
+        raise InputError(f"progress is {shown(progress)}: expected True, False, or a function of (done, failed, total)")

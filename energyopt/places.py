@@ -1,0 +1,69 @@
+"""Where the work of a batch is done: worker processes of its own, an executor of the caller, or a dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from energyopt.errors import InputError
+from energyopt.pool import Workers
+from energyopt.problem_values import shown, whole
+from energyopt.workers import cores
+
+IN_FLIGHT = 256
+"""Jobs begun and not handed out yet, at most; four a worker where that is more."""
+MOST_PROCESSES = 4096
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where work is done.
+
+    Attributes:
+        executor: of the caller, left open; None makes worker processes and ends them. processes: how many of those.
+        window: jobs begun and not handed out, at most.
+    """
+
+    executor: Executor | None
+    processes: int
+    window: int
+
+    @staticmethod
+    def of(executor: Any, processes: int | None, total: int | None) -> Place:
+        """Check what the caller gave.
+
+        Raises:
+            InputError: no executor, no number, or both.
+        """
+        if executor is None:
+            most = (
+                whole("processes", processes, 1, MOST_PROCESSES, "a whole number, 1 or more")
+                if processes is not None
+                else cores()
+            )
+            most = most if total is None else max(1, min(most, total))
+            return Place(None, most, max(IN_FLIGHT, 4 * most))
+        if processes is not None:
+            raise InputError("executor and processes are both given: an executor has its own workers; leave out processes")
+        threads = getattr(executor, "nthreads", None)
+        if callable(getattr(executor, "get_executor", None)) and callable(threads):
+            return Place(executor.get_executor(pure=False), 0, max(IN_FLIGHT, 4 * sum(threads().values())))
+        if not isinstance(executor, Executor):
+            expected = "an executor of concurrent.futures, or a dask.distributed.Client"
+            raise InputError(f"executor is {shown(executor)}: expected {expected}")
+        return Place(executor, 0, max(IN_FLIGHT, 4 * getattr(executor, "_max_workers", 0)))
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """An executor; the processes of one made here end with the block, whatever they are doing."""
+        if self.executor is not None:
+            yield self.executor
+            return
+        workers = Workers(self.processes)
+        try:
+            yield workers
+        finally:
+            workers.shutdown(wait=False, cancel_futures=True)
