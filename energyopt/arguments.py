@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from energyopt.errors import InputError
+from energyopt.errors import InputError, MissingDependencyError
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.plans import Plan
 from energyopt.problem import Problem
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from energyopt.simulation.log import ReplayLog
 
 MOST_STARTS, MOST_ITERATIONS = 100_000, 1_000_000
+PATH_SEARCHES = ("auto", "built-in", "ompl")
+"""What may look for ways around obstacles."""
 
 
 def check_planning(problem: Problem, parameterization: Any, options: Mapping[str, Any]) -> None:
@@ -90,6 +93,13 @@ def _time_limit(key: str, value: Any) -> float:
     return real(key, value, lambda t: 0 < t < np.inf, "seconds > 0, or None for no limit")
 
 
+def _path_search(key: str, value: Any) -> None:
+    if not isinstance(value, str) or value not in PATH_SEARCHES:
+        raise InputError(f"{key} is {shown(value)}: expected one of {', '.join(PATH_SEARCHES)}")
+    if value == "ompl" and find_spec("ompl") is None:
+        raise MissingDependencyError(f"{key}: OMPL is not installed: pip install 'energyopt[ompl]', or leave {key} out")
+
+
 def _truth(key: str, value: Any) -> None:
     if not isinstance(value, bool):
         raise InputError(f"{key} is {shown(value)}: expected True or False")
@@ -117,6 +127,7 @@ _OPTIONS: dict[str, Callable[[str, Any], Any]] = {
     "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 or more"),
     "time_limit": _or_none(_time_limit),
     "iterations": lambda key, value: whole(key, value, 1, MOST_ITERATIONS, "a whole number, 1 or more"),
+    "path_search": _path_search,
     "verbose": _verbose,
     "throw": _truth,
 }

@@ -80,6 +80,8 @@ class Campaign:
     guess_s: float = 0.0
     verify_s: float = 0.0
     tried: list[str] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+    path_search: str = "auto"
     spent: Spent = field(default_factory=Spent)
     _verdict: tuple[Trajectory, Violations] | None = None
     avoidance: Avoidance | None = None
@@ -91,8 +93,8 @@ class Campaign:
         began = time.perf_counter()
         targets = self._targets()
         self.avoidance = avoidance_of(self.problem)
-        source = self._attempts(targets)
         self.guess_s = time.perf_counter() - began
+        source = self._timed(self._attempts(targets))
         wanted, searches = starts or len(targets), self.searches
         if self.problem.obstacles or self.problem.workspace:
             self._try_unaware(targets)
@@ -161,13 +163,26 @@ class Campaign:
             limits=problem.limits,
             margin=problem.clearance,
         )
-        left = self.options.remaining()
-        budget = Budget(PATH_SECONDS if left is None else min(PATH_SECONDS, max(left, 0.05)))
+        end = self.options.deadline
+        how = {"budget": Budget(PATH_SECONDS, until=np.inf if end is None else end), "path_search": self.path_search}
         seeds = range(self.seed, self.seed + len(targets))
-        sources = [clear_guesses(problem, free, q, seed=k, budget=budget) for k, q in zip(seeds, targets, strict=True)]
+        both = zip(seeds, targets, strict=True)
+        sources = [clear_guesses(problem, free, q, seed=k, missed=self.missed.append, **how) for k, q in both]
         for guess, target in _in_turn(sources, targets):
             yield Attempt(guess.name, guess.trajectory, target, guess.free)
         yield from (Attempt("bent", motion, targets[0]) for motion in islice(guesses(problem, targets, self.seed), 1, None))
+
+    def _timed(self, source: Iterator[Attempt]) -> Iterator[Attempt]:
+        """The same, with the time counted that it takes to make each."""
+        while True:
+            began = time.perf_counter()
+            try:
+                attempt = next(source, None)
+            finally:
+                self.guess_s += time.perf_counter() - began
+            if attempt is None:
+                return
+            yield attempt
 
     def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False) -> Search:
         """The first level from a guess; ``unaware`` of obstacles, or with a penalty that keeps a free guess where it is."""

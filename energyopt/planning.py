@@ -53,6 +53,7 @@ def plan(
     seed: int = 0,
     time_limit: float | None = None,
     iterations: int = 500,
+    path_search: str = "auto",
     verbose: bool | Progress = False,
     throw: bool = True,
 ) -> Plan:
@@ -66,6 +67,8 @@ def plan(
         seed: of the random guesses.
         time_limit: seconds for all searches together.
         iterations: solver iterations, at most, in one solve.
+        path_search: what looks for ways around obstacles: "built-in" (RRT-Connect), "ompl" (the extra of that name), or
+            "auto": built-in, and where that finds nothing and OMPL is installed, OMPL.
         verbose: show progress on standard error, or a function called with (phase, iteration, objective, violation).
         throw: raise where no valid motion is found; otherwise return the best attempt with its status.
 
@@ -74,7 +77,8 @@ def plan(
         NoSolutionFound: no valid motion was found; carries the best attempt.
     """
     parameterization = BSpline() if parameterization is None else parameterization
-    given = {"starts": starts, "seed": seed, "time_limit": time_limit, "iterations": iterations}
+    given = {"starts": starts, "seed": seed, "time_limit": time_limit, "iterations": iterations,
+             "path_search": path_search}  # fmt: skip
     check_planning(problem, parameterization, given | {"verbose": verbose, "throw": throw})
     check_feasibility(problem)
     started = time.perf_counter()
@@ -85,7 +89,7 @@ def plan(
                 "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
-        campaign = Campaign(problem, parameterization, kernels, options, seed)
+        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search)
         try:
             search = campaign.run(starts)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
@@ -110,7 +114,7 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
-        message = f"{message} ({describe(violations)}; {_tried(campaign.tried)})"
+        message = f"{message} ({describe(violations)}; {_tried(campaign.tried, campaign.missed)})"
     return Plan(
         problem=campaign.problem,
         status=status,
@@ -121,11 +125,12 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
         violations=violations,
         discretization_error=search.error,
         iterations=spent.iterations,
-        time_s={"compile": compile_s, "build": campaign.guess_s + spent.build_s, "solve": spent.solve_s,
+        time_s={"compile": compile_s, "guess": campaign.guess_s, "build": spent.build_s, "solve": spent.solve_s,
                 "verify": campaign.verify_s},
         seed=campaign.seed,
         options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
-                            "clearance_rows": len(search.cuts.clearance), "tried": list(campaign.tried), "guess": search.name,
+                            "clearance_rows": len(search.cuts.clearance), "tried": [*campaign.tried, *campaign.missed],
+                            "guess": search.name,
                             "evaluations": search.evaluations},
         notes=_notes(campaign, search),
     )  # fmt: skip
@@ -143,8 +148,11 @@ def _notes(campaign: Campaign, search: Search) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _tried(names: list[str]) -> str:
-    return f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}"
+def _tried(names: list[str], missed: list[str]) -> str:
+    said = f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}"
+    if not missed:
+        return said
+    return f"{said}; {len(missed)} search{'es' if len(missed) > 1 else ''} without a path: {'; '.join(missed)}"
 
 
 def _progress(verbose: bool | Progress) -> Progress | None:

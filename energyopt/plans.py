@@ -67,7 +67,7 @@ class Plan:
         violations: the same with margins and places.
         discretization_error: estimated relative gap of J to the continuous optimum near this motion; None where not estimated.
         iterations: solver iterations, all refinements together.
-        time_s: build, compile, solve, verify [s].
+        time_s: compile, guess (paths around obstacles included), build, solve, verify [s].
         seed: seed of the guess that led here.
         options: every option used (parameterisation and solver).
         notes: what the user should know, one sentence each.

@@ -7,6 +7,7 @@ over a distance d in the time T along a line, ∫a²dt = 12 d²/T³.
 import os
 import subprocess
 import sys
+import time
 from functools import cache
 from pathlib import Path
 
@@ -208,8 +209,18 @@ def test_a_goal_that_is_walled_in_ends_cleanly_and_names_what_stands_in_the_way(
     assert ball == "ball" and board in ("north", "south", "east", "west") and 0 < time < T
     depth = f"ball–{board} overlap by {-1e3 * plan.violations.distance:.1f} mm at {time:.3f} s"
     assert depth in plan.message and "guesses tried: straight" in plan.message
+    assert "4 searches without a path: rrt 1: no path in 0.5 s, with" in plan.message
+    assert sum("no path in 0.5 s" in tried for tried in plan.options["tried"]) == 4 and plan.time_s["guess"] > 2.0
     # The best way through a board of 20 mm is its middle: both half thicknesses deep.
     assert plan.violations.distance <= -BALL - 0.01 + 1e-3
+
+
+def test_a_time_limit_bounds_the_looking_for_paths_too():
+    """Eight seconds for each path, two for all: what is over them are the check of the motion and the end of one solve."""
+    began = time.monotonic()
+    plan = eo.plan(task(*cage()), eo.BSpline(accuracy=None), time_limit=2.0, throw=False)
+    assert time.monotonic() - began < 4.0 and not plan.solved
+    assert "ball–" in plan.message and "tried: straight" in plan.message
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from energyopt.geometry.moving import Moving
 from energyopt.geometry.self_collision import self_collision_pairs
 from energyopt.geometry.shapes import Box, Capsule, Cylinder, Sphere
 from energyopt.pathfinding import Budget, FreeSpace, find_guess, find_path, guesses, rrt_connect, shortest_duration, via_points
+from energyopt.pathfinding.guesses import SEARCHERS
 
 ROOT = Path(__file__).resolve().parents[1]
 MBM = Path(os.environ.get("ENERGYOPT_MBM") or ROOT.parent / "shared" / "mbm")
@@ -98,6 +100,49 @@ def test_where_there_is_no_way_there_is_no_guess():
     free = FreeSpace.of(arms.sliders(1), [Box((0.1, 2.0, 2.0), (0.5, 0, 0))], self_pairs=(), attached=ball)
     problem = eo.Problem(arms.sliders(1), [0.0], [1.0], 2.0)
     assert find_guess(problem, free, seconds=0.3) is None
+
+
+def ball_behind_a_wall():
+    ball = (Attached(Sphere(0.1), name="ball"),)
+    robot = arms.sliders(1)
+    free = FreeSpace.of(robot, [Box((0.1, 2.0, 2.0), (0.5, 0, 0), "wall")], self_pairs=(), attached=ball)
+    return eo.Problem(robot, [0.0], [1.0], 2.0), free
+
+
+@pytest.mark.parametrize(
+    ("installed", "path_search", "names"),
+    [
+        (False, "auto", ["rrt 1", "rrt 2", "rrt 3"]),
+        (True, "auto", ["rrt 1", "ompl 2", "rrt 3"]),
+        (True, "built-in", ["rrt 1", "rrt 2", "rrt 3"]),
+        (True, "ompl", ["ompl 1", "ompl 2", "ompl 3"]),
+    ],
+)
+def test_searches_that_find_nothing_are_told_and_the_next_is_anothers_turn(monkeypatch, installed, path_search, names):
+    """OMPL, which need not be there, is stood in for by our own search."""
+    monkeypatch.setattr(sys.modules["energyopt.pathfinding.guesses"], "ompl_installed", lambda: installed)
+    monkeypatch.setitem(SEARCHERS, "ompl", rrt_connect)
+    told, (problem, free) = [], ball_behind_a_wall()
+    found = list(guesses(problem, free, searches=3, budget=Budget(0.1), path_search=path_search, missed=told.append))
+    assert [guess.name for guess in found] == ["straight"]
+    assert [text.split(":")[0] for text in told] == names
+    assert all("no path in 0.1 s, with " in text for text in told)
+
+
+def test_all_searches_together_end_with_the_time_they_have():
+    told, (problem, free) = [], ball_behind_a_wall()
+    began = time.monotonic()
+    list(guesses(problem, free, searches=100, budget=Budget(0.2, until=began + 0.5), missed=told.append))
+    assert 2 <= len(told) <= 3 and time.monotonic() - began < 0.8
+
+
+def test_ompl_gives_guesses_of_its_own_the_same_for_the_same_seed():
+    pytest.importorskip("ompl", reason="OMPL is an optional extra: pip install energyopt[ompl]")
+    found, again = (list(guesses(task(), rods_among(board()), seed=1, bent=0, searches=2, path_search="ompl")) for _ in range(2))
+    t = np.linspace(0, 2.0, 50)
+    assert [guess.name for guess in found] == ["straight", "ompl 1", "ompl 2"] and found[1].free
+    for first, second in zip(found, again, strict=True):
+        assert np.array_equal(first.trajectory(t), second.trajectory(t))
 
 
 def test_a_goal_in_collision_is_named_when_a_path_is_looked_for():

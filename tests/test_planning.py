@@ -35,7 +35,7 @@ def test_a_plan_says_what_it_is(free):
     assert free.duration == 0.7 and free.iterations > 3 and free.seed == 0
     assert free.objective == pytest.approx(sum(free.cost_terms.values()), rel=1e-14)
     assert set(free.cost_terms) == {"torque_squared", "velocity_squared"}
-    assert {"build", "compile", "solve", "verify"} == set(free.time_s) and free.solve_s > 0
+    assert {"guess", "build", "compile", "solve", "verify"} == set(free.time_s) and free.solve_s > 0
     assert free.discretization_error is None, "fixed knots are not refined, so nothing was measured"
     assert free.options["parameterization"] == "BSpline" and free.options["control_points"] == 16
     t = np.linspace(0, 0.7, 5)

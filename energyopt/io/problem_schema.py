@@ -9,6 +9,7 @@ angles = "rad"  what angles are in: "rad" (also rad/s …) or "deg"
 
 from __future__ import annotations
 
+from energyopt.arguments import PATH_SEARCHES
 from energyopt.io.avoidance_schema import AVOIDANCE, PLACE, YES_NO
 from energyopt.io.schema import Kind, ListOf, OneOf, Table, by_joint, choice, either, integer, is_number, number, numbers, text
 
@@ -131,7 +132,12 @@ METHOD = {
 }
 """Options of each parameterisation."""
 
-PLAN_OPTIONS = {"seed": integer(0, 2**32 - 1), "starts": integer(1, 10_000), "time_limit": number("s", positive=True)}
+PLAN_OPTIONS = {
+    "seed": integer(0, 2**32 - 1),
+    "starts": integer(1, 10_000),
+    "time_limit": number("s", positive=True),
+    "path_search": choice(*PATH_SEARCHES),
+}
 """Options of `energyopt.plan` that a file may set."""
 
 _OWN_OPTIONS = {key: kind for options in METHOD.values() for key, kind in options.items()}

@@ -3,10 +3,11 @@
     straight     the quintic from start to goal
     bent 1, 2…   quintics through one random configuration, those that turned out free, the shortest first
     rrt 1, 2…    a path found by RRT-Connect, shortened, its corners rounded, timed at the problem's duration
+    ompl 2…      the same by OMPL, where that is installed and the search before found nothing
 
 The straight one is given even where it is not free, as the optimiser can push a motion out of a shallow overlap; all others
 are free at samples, as far as the clock of `FreeSpace` is right about obstacles that move. The same seed gives the same
-guesses, as long as no time limit cuts a search short.
+guesses, as long as no time limit cuts a search short (and, by OMPL, as long as nothing else in the process uses that).
 """
 
 from __future__ import annotations
@@ -22,13 +23,16 @@ from energyopt.errors import ProblemError
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.pathfinding.curves import rounded
 from energyopt.pathfinding.free_space import FreeSpace
+from energyopt.pathfinding.ompl_search import ompl_installed, ompl_rrt_connect
 from energyopt.pathfinding.rrt import Budget, PathSearch, rrt_connect
-from energyopt.pathfinding.shortening import shorten
+from energyopt.pathfinding.shortening import Effort, shorten
 from energyopt.pathfinding.timing import timed, timed_smoothly
 from energyopt.problem import Problem
 
 Searcher = Callable[[FreeSpace, np.ndarray, np.ndarray, np.random.Generator, Budget | None], PathSearch]
 """Looks for a path between two configurations."""
+SEARCHERS: dict[str, Searcher] = {"rrt": rrt_connect, "ompl": ompl_rrt_connect}
+"""By the name that guesses get."""
 SPREAD = 0.25
 """Standard deviation of a random via configuration, as a share of each joint's range (2π at most)."""
 DRAWN = 24
@@ -44,7 +48,7 @@ class Guess:
     """A motion to start the optimiser from.
 
     Attributes:
-        name: "straight", "bent 1", "rrt 1" and so on.
+        name: "straight", "bent 1", "rrt 1", "ompl 2" and so on; the number of a path is that of the search.
         trajectory: over the problem's duration.
         free: whether it is free at samples.
         seconds: wall time spent on it.
@@ -67,7 +71,8 @@ def guesses(
     bent: int = 2,
     searches: int = 4,
     budget: Budget | None = None,
-    search: Searcher = rrt_connect,
+    path_search: str = "auto",
+    missed: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Guess]:
     """Guesses one after another; nothing is computed before it is asked for.
 
@@ -77,22 +82,37 @@ def guesses(
         goal: joint positions to reach [rad], (nv,); needed where the problem's goal is Cartesian.
         seed: of everything random.
         bent: how many bent motions at most.
-        searches: how many paths at most; a search that fails gives no guess.
-        budget: of each search.
-        search: as of `find_path`.
+        searches: how many paths at most.
+        budget: of each search, and for all.
+        path_search: "built-in", "ompl", or "auto": by turns where OMPL is installed, a turn ending with a failure.
+        missed: called where a search finds nothing, with its name and what it spent.
 
     Raises:
         ProblemError: start or goal is not free; the message names the pair and the depth. Only when a path is looked for.
+        MissingDependencyError: OMPL alone is asked for and not installed; as the other.
     """
     began = time.monotonic()
     straight = baseline(problem, "quintic", goal=goal)
     yield Guess("straight", straight, free.free_motion(straight), time.monotonic() - began)
     yield from _bent(problem, free, straight(problem.duration), np.random.default_rng([seed, 1]), bent)
+    turns, turn = searchers(path_search), 0
     for k in range(searches):
-        rng = np.random.default_rng([seed, 2, k])
-        found = _followed(problem, free, straight(problem.duration), rng, budget, search)
-        if found is not None:
-            yield replace(found, name=f"rrt {k + 1}")
+        if budget is not None and budget.over:
+            return
+        rng, name = np.random.default_rng([seed, 2, k]), turns[turn % len(turns)]
+        found = _followed(problem, free, straight(problem.duration), rng, budget, SEARCHERS[name])
+        if isinstance(found, Guess):
+            yield replace(found, name=f"{name} {k + 1}")
+        else:
+            turn += 1
+            missed(f"{name} {k + 1}: {found.reason}")
+
+
+def searchers(path_search: str) -> tuple[str, ...]:
+    """Names of the searches that take turns, as of `guesses`."""
+    if path_search == "auto":
+        return ("rrt", "ompl") if ompl_installed() else ("rrt",)
+    return ("ompl",) if path_search == "ompl" else ("rrt",)
 
 
 def find_guess(
@@ -100,11 +120,9 @@ def find_guess(
 ) -> Guess | None:
     """The first guess that is free; None where none was found in the time given [s]. Arguments and errors as of `guesses`."""
     deadline = np.inf if seconds is None else time.monotonic() + seconds
-    for guess in guesses(problem, free, goal, seed=seed, budget=Budget(seconds)):
+    for guess in guesses(problem, free, goal, seed=seed, budget=Budget(seconds, until=deadline)):
         if guess.free:
             return guess
-        if time.monotonic() > deadline:
-            break
     return None
 
 
@@ -180,7 +198,7 @@ def _path(
         nodes += found.nodes
         if not found.found:
             return PathSearch(None, found.reason, nodes, time.monotonic() - began)
-        legs.append(shorten(space, found.path, rng))
+        legs.append(shorten(space, found.path, rng, Effort(until=np.inf if budget is None else budget.until)))
     path = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
     return PathSearch(path, "", nodes, time.monotonic() - began)
 
@@ -194,14 +212,14 @@ def roomy(free: FreeSpace, stops: Sequence[np.ndarray]) -> FreeSpace:
 
 def _followed(
     problem: Problem, free: FreeSpace, goal: np.ndarray, rng: np.random.Generator, budget: Budget | None, search: Searcher
-) -> Guess | None:
-    """A guess from a path through all waypoints; its name is still to be given."""
+) -> Guess | PathSearch:
+    """A guess from a path through all waypoints, whose name is still to be given; where there is none, how the search ended."""
     began = time.monotonic()
     stops = [problem.start, *(w.position for w in problem.waypoints), goal]
     space = roomy(free.timed(problem.start, goal, problem.duration), stops)
     found = _path(space, stops, rng, budget, search)
     if not found.found:
-        return None
+        return found
     curve = rounded(found.path, space)
     try:
         trajectory = timed(curve, problem.robot, problem.limits, problem.duration)

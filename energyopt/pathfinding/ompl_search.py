@@ -8,13 +8,14 @@ The library has one random generator for all: two searches at the same time, in 
 from __future__ import annotations
 
 import time
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from energyopt.errors import MissingDependencyError
 from energyopt.pathfinding.free_space import LIMIT_SLACK, FreeSpace
-from energyopt.pathfinding.rrt import Budget, PathSearch, require_free, sampled_box
+from energyopt.pathfinding.rrt import Budget, PathSearch, ended, require_free, sampled_box
 
 
 def ompl_rrt_connect(
@@ -37,11 +38,16 @@ def ompl_rrt_connect(
     nodes = 2 + ways.free
     # An approximate path, which ends elsewhere, also counts as a solution there.
     if not setup.haveExactSolutionPath():
-        return PathSearch(None, f"OMPL found no path, with {nodes} nodes", nodes, time.monotonic() - began)
+        return ended(None, nodes, time.monotonic() - began)
     found = setup.getSolutionPath()
     path = np.array([_numbers(found.getState(k), len(start)) for k in range(found.getStateCount())])
     path[0], path[-1] = start, goal
-    return PathSearch(path, "", nodes, time.monotonic() - began)
+    return ended(path, nodes, time.monotonic() - began)
+
+
+def ompl_installed() -> bool:
+    """Whether the library is there; it is not loaded."""
+    return find_spec("ompl") is not None
 
 
 def _library() -> tuple[Any, Any, Any]:

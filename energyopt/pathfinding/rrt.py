@@ -34,13 +34,20 @@ class Budget:
     Attributes:
         seconds: of wall time; None for no limit.
         nodes: of both trees.
+        until: when everything ends, a time of `time.monotonic`.
     """
 
     seconds: float | None = 5.0
     nodes: int = 50_000
+    until: float = np.inf
 
     def deadline(self) -> float:
-        return np.inf if self.seconds is None else time.monotonic() + self.seconds
+        """The end of a search that begins now, a time of `time.monotonic`."""
+        return self.until if self.seconds is None else min(time.monotonic() + self.seconds, self.until)
+
+    @property
+    def over(self) -> bool:
+        return time.monotonic() >= self.until
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +56,7 @@ class PathSearch:
 
     Attributes:
         path: configurations joined by straight free ways, start and goal included, shape (K, nv); None where none was found.
-        reason: in a few words, why there is none; "" with a path.
+        reason: in a few words, what was spent without one; "" with a path.
         nodes: of both trees; seconds: wall time.
     """
 
@@ -83,8 +90,13 @@ def rrt_connect(
     require_free(free, goal, "goal")
     if free.free_way(start, goal):
         return PathSearch(np.stack([start, goal]), "", 2, time.monotonic() - began)
-    path, reason, nodes = _search(free, start, goal, rng, budget.deadline(), budget.nodes)
-    return PathSearch(path, reason, nodes, time.monotonic() - began)
+    path, nodes = _search(free, start, goal, rng, budget.deadline(), budget.nodes)
+    return ended(path, nodes, time.monotonic() - began)
+
+
+def ended(path: np.ndarray | None, nodes: int, seconds: float) -> PathSearch:
+    """How a search ended, in words where it found nothing."""
+    return PathSearch(path, "" if path is not None else f"no path in {seconds:.1f} s, with {nodes} nodes", nodes, seconds)
 
 
 def require_free(free: FreeSpace, q: np.ndarray, where: str) -> None:
@@ -157,7 +169,7 @@ class _Tree:
 
 def _search(
     free: FreeSpace, start: np.ndarray, goal: np.ndarray, rng: np.random.Generator, deadline: float, most: int
-) -> tuple[np.ndarray | None, str, int]:
+) -> tuple[np.ndarray | None, int]:
     low, high = sampled_box(free, start, goal)
     step = STEP * float(np.linalg.norm(high - low))
     forward, backward = _Tree(start), _Tree(goal)
@@ -168,12 +180,10 @@ def _search(
             joined = _connect(free, other, tree[new], step)
             if joined is not None:
                 ends = (new, joined) if tree is forward else (joined, new)
-                return np.array(forward.branch(ends[0]) + backward.branch(ends[1])[-2::-1]), "", forward.count + backward.count
+                return np.array(forward.branch(ends[0]) + backward.branch(ends[1])[-2::-1]), forward.count + backward.count
         nodes = forward.count + backward.count
-        if nodes >= most:
-            return None, f"no path with {nodes} nodes", nodes
-        if time.monotonic() > deadline:
-            return None, f"no path in the time given, with {nodes} nodes", nodes
+        if nodes >= most or time.monotonic() > deadline:
+            return None, nodes
 
 
 def _extend(free: FreeSpace, tree: _Tree, q: np.ndarray, step: float) -> int | None:

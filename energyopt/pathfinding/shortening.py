@@ -23,11 +23,11 @@ WORTH = 1e-3
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to go on: ``shortcuts`` tried, ``rounds`` of corner pulling, and ``seconds`` of wall time (None: no limit)."""
+    """How long to go on: ``shortcuts`` tried, ``rounds`` of corner pulling, and ``until`` a time of `time.monotonic`."""
 
     shortcuts: int = 60
     rounds: int = 4
-    seconds: float | None = 1.0
+    until: float = np.inf
 
 
 def shorten(free: FreeSpace, path: np.ndarray, rng: np.random.Generator, effort: Effort | None = None) -> np.ndarray:
@@ -40,7 +40,7 @@ def shorten(free: FreeSpace, path: np.ndarray, rng: np.random.Generator, effort:
         effort: when to stop.
     """
     effort = effort or Effort()
-    deadline = np.inf if effort.seconds is None else time.monotonic() + effort.seconds
+    deadline = effort.until
     path = np.array(path, dtype=float)
     for _ in range(effort.shortcuts):
         if len(path) == 2 or time.monotonic() > deadline:
