@@ -34,7 +34,7 @@ from energyopt.refinement import (
     roughly,
     shortest_span,
 )
-from energyopt.solvers import IpoptOptions, Outcome, solve
+from energyopt.solvers import Outcome, SolverOptions, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
 from energyopt.transcription.clearance import ClearanceTerms, close_pairs, overlap, penalty_samples, touching_pairs
 
@@ -204,7 +204,7 @@ class Search:
     def _solve_level(self) -> None:
         if self.first_objective is None:
             self.first_objective = self._guessed_objective()
-        self._solve_rounds(WARM_BARRIER if self.levels else IpoptOptions.barrier)
+        self._solve_rounds(WARM_BARRIER if self.levels else SolverOptions.barrier)
 
     def _solve_rounds(self, barrier: float) -> None:
         """Solve, and again with more rows, until a check finds nothing to add."""
@@ -277,11 +277,11 @@ class Search:
             self.spent.build_s += time.perf_counter() - started
         return program
 
-    def _solver_options(self, barrier: float) -> IpoptOptions:
+    def _solver_options(self, barrier: float) -> SolverOptions:
         options = self.options
         rough = self.stiffness and not self.hard  # the motion is solved again, with a stiffer penalty
         tolerance = max(options.tolerance, ROUGH_TOLERANCE) if rough else options.tolerance
-        return IpoptOptions(tolerance, options.iterations, barrier, options.remaining())
+        return SolverOptions(tolerance, options.iterations, barrier, options.remaining())
 
     def _reporter(self):
         progress = self.options.progress

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from energyopt.solvers import IpoptOptions, Outcome, ipopt, solve
+from energyopt.solvers import Outcome, SolverOptions, ipopt
+from energyopt.solvers.ipopt import solve
 
 CONVERGED = 1e-6
 
@@ -73,7 +74,7 @@ def test_rosenbrocks_valley_is_followed_to_its_end():
 def test_bounds_and_rows_hold_and_multipliers_are_those_of_the_optimum():
     """½|x|² with x + y ≥ 2 and x ≤ ½: x = (½, 3/2), and the row's multiplier is −3/2 in CasADi's sign."""
     program = parabola(rows=[[1.0, 1.0]], row_bounds=([2.0], [np.inf]), bounds=([-np.inf, -np.inf], [0.5, np.inf]))
-    result = solve(program, np.zeros(2), IpoptOptions(tolerance=1e-9))
+    result = solve(program, np.zeros(2), SolverOptions(tolerance=1e-9))
     np.testing.assert_allclose(result.x, [0.5, 1.5], atol=CONVERGED)
     np.testing.assert_allclose(result.multipliers, [-1.5], atol=1e-5)
 
@@ -108,7 +109,7 @@ def test_more_equalities_than_unknowns_are_infeasible():
 
 
 def test_iterations_are_counted_and_limited():
-    result = solve(rosenbrock(), START, IpoptOptions(iterations=3))
+    result = solve(rosenbrock(), START, SolverOptions(iterations=3))
     assert result.outcome is Outcome.ITERATION_LIMIT and result.iterations == 3
     assert rosenbrock().f(result.x) < rosenbrock().f(START), "the last iterate is kept"
 
@@ -118,7 +119,7 @@ def test_time_is_limited():
     value = slow.f
     slow.f = lambda x: (time.sleep(0.02), value(x))[1]
     began = time.monotonic()
-    result = solve(slow, START, IpoptOptions(time_limit=0.1))
+    result = solve(slow, START, SolverOptions(time_limit=0.1))
     assert result.outcome is Outcome.TIME_LIMIT
     assert time.monotonic() - began < 1.0
     assert np.all(np.isfinite(result.x))

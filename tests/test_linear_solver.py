@@ -9,7 +9,8 @@ import energyopt as eo
 from energyopt.baselines import baseline
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline
-from energyopt.solvers import linear, solve
+from energyopt.solvers import linear
+from energyopt.solvers.ipopt import solve
 from energyopt.transcription import transcribe
 
 LIBRARY = linear._profile_library()

@@ -1,6 +1,7 @@
 """Solvers of nonlinear programs; nothing here knows of robots."""
 
 from energyopt.solvers.interrupts import Interrupts
-from energyopt.solvers.ipopt import IpoptOptions, Outcome, SolverResult, solve
+from energyopt.solvers.result import Outcome, SolverOptions, SolverResult
+from energyopt.solvers.solving import solve
 
-__all__ = ["Interrupts", "IpoptOptions", "Outcome", "SolverResult", "solve"]
+__all__ = ["Interrupts", "Outcome", "SolverOptions", "SolverResult", "solve"]

@@ -12,8 +12,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-Progress = Callable[[int, float, float], None]
-"""Called with (iteration, objective, worst violation of bounds and rows)."""
+from energyopt.solvers.result import Progress, violation
 
 
 class Call(ca.Callback):
@@ -181,12 +180,8 @@ class Monitor(ca.Callback):
         return len(self._objectives) > STALL_ITERATIONS and max(recent) - min(recent) <= STALL_CHANGE * abs(self._objectives[0])
 
     def _violation(self, arguments) -> float:
-        program, x = self._program, np.frombuffer(arguments[0])
-        worst = max(np.max(program.lower - x, initial=0.0), np.max(x - program.upper, initial=0.0))
-        if program.rows:
-            g = np.frombuffer(arguments[2])
-            worst = max(worst, np.max(program.row_lower - g, initial=0.0), np.max(g - program.row_upper, initial=0.0))
-        return float(worst)
+        g = np.frombuffer(arguments[2]) if self._program.rows else np.zeros(0)
+        return violation(self._program, np.frombuffer(arguments[0]), g)
 
 
 def _sparsity(rows: int, columns: int, pattern: tuple[np.ndarray, np.ndarray]) -> ca.Sparsity:

@@ -8,28 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
-from enum import Enum
 
 import casadi as ca
 import numpy as np
 
-from energyopt.solvers.callbacks import Monitor, ProgramFunctions, Progress
+from energyopt.solvers.callbacks import Monitor, ProgramFunctions
 from energyopt.solvers.interrupts import Interrupts, unless_stopped
 from energyopt.solvers.linear import linear_solvers
-
-
-class Outcome(str, Enum):
-    """How the solver ended."""
-
-    CONVERGED = "converged"
-    ACCEPTABLE = "converged to a looser tolerance"
-    INFEASIBLE = "the constraints contradict each other near here"
-    ITERATION_LIMIT = "the iteration limit was reached"
-    TIME_LIMIT = "the time limit passed"
-    INTERRUPTED = "interrupted"
-    FAILED = "the solver could not go on"
-
+from energyopt.solvers.result import DEFAULT, VIOLATION, Outcome, Progress, SolverOptions, SolverResult, scaling
 
 _OUTCOMES = {
     "Solve_Succeeded": Outcome.CONVERGED,
@@ -46,8 +32,6 @@ _OUTCOMES = {
 }
 
 
-VIOLATION = 1e-8
-"""Largest violation of a row. Rows are scaled to coefficients of one: on short spans this is a hundred times more in rad/s."""
 SMALLEST_STEP = 1e-9
 """Length of a step [rad] that is rounding where spans are short: their gradients cannot be brought below the tolerance."""
 
@@ -56,47 +40,10 @@ _ENDS = (Outcome.CONVERGED, Outcome.ACCEPTABLE, Outcome.INTERRUPTED, Outcome.TIM
 """Outcomes after which no other linear solver is tried."""
 
 
-@dataclass(frozen=True)
-class IpoptOptions:
-    """Settings of one solve.
-
-    Attributes:
-        tolerance: scaled optimality error at which the solver stops.
-        iterations: at most this many.
-        barrier: initial barrier parameter; small values suit good guesses.
-        time_limit: seconds of wall time; None has no limit.
-    """
-
-    tolerance: float = 1e-6
-    iterations: int = 500
-    barrier: float = 1.0
-    time_limit: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class SolverResult:
-    """What the solver found.
-
-    Attributes:
-        x: the point, (n,); multipliers: of the rows, (m,).
-        outcome: how it ended; reason: IPOPT's own word.
-        objective, iterations: at the end.
-        evaluations: calls by function.
-    """
-
-    x: np.ndarray
-    multipliers: np.ndarray
-    outcome: Outcome
-    reason: str
-    objective: float
-    iterations: int
-    evaluations: dict[str, int] = field(default_factory=dict)
-
-
 def solve(
     program,
     x0: np.ndarray,
-    options: IpoptOptions = IpoptOptions(),
+    options: SolverOptions = DEFAULT,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> SolverResult:
@@ -120,7 +67,7 @@ def _left(program, x0: np.ndarray, monitor: Monitor) -> SolverResult:
     return SolverResult(x, np.zeros(program.rows), Outcome.INTERRUPTED, "User_Requested_Stop", objective, count)
 
 
-def _solve(program, x0: np.ndarray, options: IpoptOptions, monitor: Monitor) -> SolverResult:
+def _solve(program, x0: np.ndarray, options: SolverOptions, monitor: Monitor) -> SolverResult:
     functions, equalities = ProgramFunctions(program), int(np.sum(program.row_lower == program.row_upper))
     for linear in linear_solvers(program.size, program.rows, equalities):
         settings = _casadi_options(program, functions, monitor, options, x0)
@@ -155,14 +102,7 @@ def _outcome(stats: dict, monitor: Monitor) -> Outcome:
     return _OUTCOMES.get(reason, Outcome.FAILED)
 
 
-def _scaling(program, x0: np.ndarray) -> float:
-    """Brings a small objective to one, since the tolerance is absolute: J falls with T⁻³ where there is no gravity."""
-    program.evaluator.move(np.ascontiguousarray(x0, dtype=float))
-    size = abs(program.evaluator.objective())
-    return 1.0 / size if 1e-30 < size < 1.0 else 1.0
-
-
-def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, options: IpoptOptions, x0: np.ndarray) -> dict:
+def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, options: SolverOptions, x0: np.ndarray) -> dict:
     ipopt = {
         "print_level": 0,
         "sb": "yes",
@@ -172,7 +112,7 @@ def _casadi_options(program, functions: ProgramFunctions, monitor: Monitor, opti
         "acceptable_tol": 1e2 * options.tolerance,
         "max_iter": options.iterations,
         "mu_init": options.barrier,
-        "obj_scaling_factor": _scaling(program, x0),
+        "obj_scaling_factor": scaling(program, x0),
         "min_refinement_steps": 0,
         "bound_relax_factor": 0.0,
         "honor_original_bounds": "yes",

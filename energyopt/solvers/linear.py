@@ -7,11 +7,7 @@ for libraries that users bring along.
 
 from __future__ import annotations
 
-import ctypes
-from functools import lru_cache
-from importlib.resources import files
-
-from energyopt.dynamics import compiler
+from energyopt.solvers.native import library_path
 
 MOST_UNKNOWNS = 6000
 """Unknowns, slacks and multipliers together, up to which the profile is used."""
@@ -26,15 +22,6 @@ MUMPS = {
     "mumps_permuting_scaling": 0,
     "mumps_mem_percent": 50,
 }
-_FLAGS = (
-    "-O2",
-    "-ftree-vectorize",
-    "-fassociative-math",
-    "-fno-signed-zeros",
-    "-fno-trapping-math",
-    "-march=native",
-    "-std=gnu11",
-)
 
 
 def linear_solvers(size: int, rows: int, equalities: int) -> list[dict]:
@@ -57,16 +44,5 @@ def linear_solvers(size: int, rows: int, equalities: int) -> list[dict]:
     return [ours, MUMPS]
 
 
-@lru_cache(maxsize=1)
 def _profile_library() -> str | None:
-    """Path of the compiled `kkt.c`; None without a compiler."""
-    if compiler.find_compiler() is None:
-        return None
-    text = (files("energyopt.solvers") / "kkt.c").read_text()
-    key = compiler.library_key(text, *_FLAGS)
-    path = compiler.cached_library(key) or compiler.compile_library(key, {"kkt": (text, _FLAGS)})
-    try:
-        ctypes.CDLL(str(path))
-    except OSError:
-        return None
-    return str(path)
+    return library_path("kkt.c")

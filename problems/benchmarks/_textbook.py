@@ -23,13 +23,13 @@ from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.search import Search, SearchOptions
 from energyopt.seeds import goals, guesses
-from energyopt.solvers import IpoptOptions
+from energyopt.solvers import SolverOptions
 from energyopt.solvers.linear import MUMPS
 from energyopt.transcription import NonlinearProgram, transcribe
 from energyopt.verification import cost
 
-AS_IT_COMES = {"print_level": 0, "sb": "yes", "tol": IpoptOptions.tolerance, "max_iter": 1000}
-TUNED = MUMPS | {"mu_init": IpoptOptions.barrier, "min_refinement_steps": 0, "bound_relax_factor": 0.0}
+AS_IT_COMES = {"print_level": 0, "sb": "yes", "tol": SolverOptions.tolerance, "max_iter": 1000}
+TUNED = MUMPS | {"mu_init": SolverOptions.barrier, "min_refinement_steps": 0, "bound_relax_factor": 0.0}
 """IPOPT and MUMPS as energyopt sets them where it uses MUMPS."""
 
 

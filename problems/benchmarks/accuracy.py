@@ -16,7 +16,7 @@ import energyopt as eo
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.search import GOOD, ROUNDS
-from energyopt.solvers import IpoptOptions, solve
+from energyopt.solvers import SolverOptions, solve
 from energyopt.transcription import Cuts, transcribe
 from energyopt.verification import objective
 
@@ -81,7 +81,7 @@ def _truth(plan: eo.Plan) -> dict:
     motion, rounds, complete = plan.trajectory, 0, False
     while not complete and rounds < ROUNDS:
         program = transcribe(problem, space, kernels, cuts)
-        result = solve(program, program.guess(motion), IpoptOptions(iterations=1000, barrier=BARRIER))
+        result = solve(program, program.guess(motion), SolverOptions(iterations=1000, barrier=BARRIER))
         if result.outcome not in GOOD:
             break
         motion, rounds = program.trajectory(result.x), rounds + 1
