@@ -15,8 +15,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from energyopt.costs import COSTS
 from energyopt.geometry.shapes import SHAPES
 from energyopt.io.avoidance_schema import REGIONS, SIZES, SOLIDS, sizes_of
+from energyopt.io.energy_schema import PARAMETERS, parameters_of
 from energyopt.io.problem_schema import METHOD, PROBLEM_FILE
 from energyopt.io.schema import ListOf, OneOf, Table
 
@@ -45,7 +47,7 @@ def _shape_keys(section: str, kinds: tuple[str, ...], axes: str) -> dict[str, st
 
 
 SECTION_TYPES = {"obstacles": tuple(SHAPES), "workspace": REGIONS, "attached": SOLIDS}
-ARRAYS = ("waypoints", "obstacles", "obstacles.waypoints", "workspace", "attached")
+ARRAYS = ("problem.cost", "waypoints", "obstacles", "obstacles.waypoints", "workspace", "attached")
 """Sections that may stand several times."""
 
 MEANINGS = {
@@ -68,6 +70,15 @@ MEANINGS = {
     "robot.payload.center": "centre of mass in the frame; its origin without it",
     "robot.payload.inertia": "about the centre of mass, in the axes of the frame; a point mass without it",
     "robot.payload.frame": "the tool frame without it",
+    "robot.actuators.gear_ratio": "N, turns of the motor a turn of the joint (rad/m for a sliding joint)",
+    "robot.actuators.torque_constant": "k_t of the motor",
+    "robot.actuators.resistance": "R of the winding that carries τ_m/k_t",
+    "robot.actuators.efficiency": "η of the gear, at most 1; 1 without it",
+    "robot.actuators.regeneration": "share of braking power that comes back, 0 to 1; 0 without it",
+    "robot.actuators.brake_power": "holds the brake open while the robot moves; 0 without it",
+    "robot.actuators.shared_bus": "whether a braking joint feeds the others; false without it",
+    "robot.actuators.standby_power": "P₀ of controller and drives, drawn at all times; 0 without it",
+    "robot.actuators.source": "kept with the numbers",
     "robot.limits.position": "in place of the URDF's",
     "robot.limits.velocity": "in place of the URDF's",
     "robot.limits.acceleration": "none without it",
@@ -94,6 +105,10 @@ MEANINGS = {
     "problem.goal_acceleration": "0 without it",
     "problem.clearance": "least distance from obstacles, walls, and between links; 0 without it, which asks for no contact",
     "problem.self_collision": "whether links are kept apart; true without it",
+    "problem.cost.type": "of the term (see [energy](energy.md)); all terms together are J, in place of the two weights above",
+    "problem.cost.weight": "factor of the term in J; 1 without it",
+    "problem.cost.weights": "of the joints; 1 without it",
+    "problem.cost.smoothing": "width over which kinks in power are smoothed; 0.5 without it",
     "limits.position": "for this problem, in place of the robot's",
     "limits.velocity": "for this problem, in place of the robot's",
     "limits.acceleration": "for this problem, in place of the robot's",
@@ -157,9 +172,11 @@ def key_tables() -> str:
 
 
 def _owners(section: str, key: str) -> list[str]:
-    """The methods, or types of shapes, that have a key which not all of them have."""
+    """The methods, or types of shapes or costs, that have a key which not all of them have."""
     if section == "method":
         return [kind for kind, options in METHOD.items() if key in options]
+    if section == "problem.cost" and key in PARAMETERS:
+        return [kind for kind in COSTS if key in parameters_of(kind)]
     kinds = SECTION_TYPES.get(section, ()) if key in SIZES else ()
     return [kind for kind in kinds if key in sizes_of(kind)]
 

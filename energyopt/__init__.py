@@ -8,6 +8,8 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _HOME = {
+    "ActuatorModel": "actuators",
+    "Actuators": "actuators",
     "Attached": "geometry",
     "BatchInterrupted": "errors",
     "BSpline": "parameterizations",

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from energyopt.dynamics.body import Dynamics
+from energyopt.io.energy_parts import actuators_from_meta, actuators_meta
 from energyopt.io.shape_parts import avoidance_arrays, avoidance_from_arrays
 from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots import Limits, RobotModel
@@ -37,6 +38,7 @@ def robot_arrays(robot: RobotModel, arrays: Arrays) -> dict[str, Any]:
         "tool_frame": robot.tool_frame,
         "notes": list(robot.notes),
         "package_dirs": [str(p) for p in robot.package_dirs],
+        "actuators": actuators_meta(robot.actuators),
         **{key: None if path is None else str(path) for key, path in paths.items()},
     }
 
@@ -73,6 +75,7 @@ def robot_from_arrays(meta: dict[str, Any], urdf: str, arrays: Arrays) -> RobotM
         tool_frame=str(meta["tool_frame"]),
         notes=tuple(str(note) for note in meta["notes"]),
         home=_vector(arrays, "home", nv),
+        actuators=actuators_from_meta(meta.get("actuators"), nv),
         **{key: None if meta[key] is None else Path(str(meta[key])) for key in ("source", "srdf")},
     )
     robot.frame_id(robot.tool_frame)

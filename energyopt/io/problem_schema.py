@@ -2,7 +2,9 @@
 
 angles = "rad"  what angles are in: "rad" (also rad/s …) or "deg"
 [robot]   [robot.payload]   [robot.limits]      which arm, what it holds, how it differs from its file
+[robot.actuators]                               its electric drives
 [problem]   [limits]   [[waypoints]]            what is asked of it
+[[problem.cost]]                                what a motion costs, in place of the two weights of [problem]
 [[obstacles]]   [[workspace]]   [potential]   [[attached]]      what to stay clear of (see `avoidance_schema`)
 [method]                                        how to solve it
 """
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 from energyopt.arguments import PATH_SEARCHES
 from energyopt.io.avoidance_schema import AVOIDANCE, PLACE, YES_NO
+from energyopt.io.energy_schema import ACTUATORS, COST
 from energyopt.io.schema import Kind, ListOf, OneOf, Table, by_joint, choice, either, integer, is_number, number, numbers, text
 
 _PAIR = numbers("a pair [lower, upper]", 2)
@@ -85,6 +88,7 @@ _ROBOT = Table(
         "continuous_range": either(_PAIR, by_joint(_PAIR)),
         "tool_frame": text("the name of a link or joint"),
         "payload": OneOf(ListOf(_PAYLOAD), _PAYLOAD),
+        "actuators": ACTUATORS,
         "limits": Table({**LIMITS, "scale": _SCALE}),
     },
 )
@@ -112,6 +116,7 @@ _PROBLEM = Table(
         "goal_acceleration": _for_joints("rad/s²"),
         "clearance": number("m", low=0),
         "self_collision": YES_NO,
+        "cost": COST,
     },
     required=("start", "goal", "duration"),
 )

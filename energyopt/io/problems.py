@@ -13,6 +13,7 @@ import numpy as np
 
 from energyopt.errors import ProblemError, RobotError
 from energyopt.io.avoidance_section import avoidance_arguments
+from energyopt.io.energy_section import cost_terms
 from energyopt.io.find import find_problem
 from energyopt.io.poses import rotation_of
 from energyopt.io.problem_schema import METHOD, PLAN_OPTIONS, PROBLEM_FILE
@@ -114,6 +115,8 @@ def _problem(document: Document, table: dict[str, Any], robot: RobotModel, angle
         own = {f"{key}_limits": _limit(document, key, value, robot) for key, value in limits.items()}
         more = {"name": table.get("name", document.path.stem), "origin": partial(key_in_file, document)}
         more |= avoidance_arguments(document, table, robot, angles)
+        if "cost" in asked:
+            more["costs"] = cost_terms(document, asked.pop("cost"), robot)
         return Problem(robot, **asked, **own, **more, waypoints=waypoints)
     except ProblemError as error:
         message = str(error)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from energyopt.errors import RobotError
+from energyopt.io.energy_section import actuators_of_file
 from energyopt.io.toml_text import Document
 from energyopt.io.units import ANGULAR, DEGREE, convert, joint_factors
 from energyopt.robots import Payload, RobotModel, load_robot
@@ -40,9 +42,12 @@ def build_robot(document: Document, section: dict[str, Any], angles: str) -> Rob
         if "payload" in section:
             bodies = section["payload"] if isinstance(section["payload"], list) else [section["payload"]]
             arguments["payload"] = [Payload(**body) for body in bodies]
-        return _load(target, arguments, section.get("limits", {}), angles)
+        robot = _load(target, arguments, section.get("limits", {}), angles)
     except RobotError as error:
         raise RobotError(f"{document.place('robot')}: {error}") from None
+    if "actuators" not in section:
+        return robot
+    return replace(robot, actuators=actuators_of_file(document, section["actuators"], robot.joint_names))
 
 
 def _target(document: Document, section: dict[str, Any]) -> str | Path:
