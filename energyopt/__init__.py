@@ -37,6 +37,7 @@ _HOME = {
     "Waypoint": "problem",
     "Workspace": "geometry",
     "baseline": "baselines",
+    "energy_account": "energy",
     "load_plan": "io",
     "load_problem": "io",
     "load_robot": "robots",

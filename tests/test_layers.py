@@ -24,7 +24,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "planning io",
     "parcels places batch",
     "simulation",
-    "metrics",
+    "metrics energy",
     "validation validation_text",
     "plots plotting report report_parts report_problem report_scene",
     "workflow",
