@@ -170,7 +170,8 @@ class Campaign:
         sources = [clear_guesses(problem, free, q, seed=k, missed=self.missed.append, **how) for k, q in both]
         for guess, target in _in_turn(sources, targets):
             yield Attempt(guess.name, guess.trajectory, target, guess.free)
-        yield from (Attempt("bent", motion, targets[0]) for motion in islice(guesses(problem, targets, self.seed), 1, None))
+        for k, motion in enumerate(islice(guesses(problem, targets, self.seed), 1, None), start=1):
+            yield Attempt(f"bent unchecked {k}", motion, targets[0])
 
     def _timed(self, source: Iterator[Attempt]) -> Iterator[Attempt]:
         """The same, with the time counted that it takes to make each."""
@@ -264,7 +265,7 @@ class Campaign:
         spline, searches = self.parameterization, []
         if not isinstance(spline, BSpline) or spline.accuracy is None:
             return searches
-        space = spline.space(self.problem.duration)
+        space, attempt = spline.space(self.problem.duration), replace(attempt, name=f"{attempt.name} on finer knots")
         for _ in range(FINER):
             space = bisected(space)
             searches.append(self._searched(space, attempt))

@@ -114,7 +114,8 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
-        message = f"{message} ({describe(violations)}; {_tried(campaign.tried, campaign.missed)})"
+        unseen = "; contact not looked for" if stopped and campaign.avoidance is not None else ""
+        message = f"{message} ({describe(violations)}{unseen}; {_tried(campaign.tried, campaign.missed)})"
     return Plan(
         problem=campaign.problem,
         status=status,

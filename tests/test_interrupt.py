@@ -70,6 +70,33 @@ def test_a_solve_ends_soon_after_ctrl_c_and_keeps_its_motion(method, throw):
     np.testing.assert_allclose(moved, 0.4, atol=1e-6)
 
 
+BLOCKED = """
+import sys; sys.path.insert(0, {tests!r})
+import energyopt as eo, test_obstacles as t
+from energyopt.pathfinding.guesses import SEARCHERS
+searcher = SEARCHERS["rrt"]
+def search(*arguments):
+    print("searching", flush=True)
+    return searcher(*arguments)
+SEARCHERS["rrt"] = search
+plan = eo.plan(t.task(*t.cage()), eo.BSpline(accuracy=None))
+print(plan.status.value, plan.message, flush=True)
+"""
+
+
+def test_looking_for_a_path_ends_soon_after_ctrl_c():
+    process = start("-c", BLOCKED.format(tests=str(Path(__file__).parent)))
+    assert process.stdout.readline() == "searching\n"
+    time.sleep(0.3)
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    line = process.stdout.readline()
+    took = time.monotonic() - began
+    _, errors = process.communicate(timeout=30)
+    assert line.startswith("INTERRUPTED") and "contact not looked for; 1 guess tried: straight" in line, line + errors
+    assert took < LATEST + SLACK
+
+
 def test_afterwards_ctrl_c_is_pythons_own_again():
     before = signal.getsignal(signal.SIGINT)
     eo.plan(eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5))
