@@ -71,9 +71,7 @@ def unpacked(parcel: Parcel) -> Problem:
         raise EnergyOptError(f"this worker has energyopt {__version__}, the sender {parcel.version}; install the same everywhere")
     missing = [folder for folder in parcel.folders if not Path(folder).is_dir()]
     if missing:
-        raise RobotError(
-            f"the folder of the robot's meshes is not on this worker: {missing[0]}; give all machines the same paths"
-        )
+        raise RobotError(f"the robot's meshes are not on this worker: no folder {missing[0]}; give all machines the same paths")
     return _Unpacker(parcel).load()
 
 

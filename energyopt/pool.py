@@ -52,12 +52,18 @@ class Workers(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: after all calls (``wait``), or at once."""
         self._closed = True
-        while (cancel_futures or not wait) and not self._calls.empty():
-            with suppress(queue.Empty):
-                self._calls.get_nowait()[0].cancel()
+        if cancel_futures or not wait:
+            self._cancel()
         for _ in self._threads:
             self._calls.put(None)
         for thread in self._threads if wait else ():
             thread.join()
         for worker in self._workers:
             worker.end()
+
+    def _cancel(self) -> None:
+        with suppress(queue.Empty):
+            while True:
+                asked = self._calls.get_nowait()
+                if asked is not None:
+                    asked[0].cancel()
