@@ -61,7 +61,7 @@ MEANINGS = {
     "robot.gravity": "acceleration of gravity in the base; [0, 0, -9.81] without it",
     "robot.armature": "rotor inertia seen at the joint; 0 without it",
     "robot.viscous_friction": '0 without it; "urdf" takes the file\'s damping',
-    "robot.coulomb_friction": '0 without it; "urdf" takes the file\'s friction',
+    "robot.coulomb_friction": '0 without it; "urdf" takes the file\'s friction, a published set ([energy](energy.md)) its own',
     "robot.coulomb_velocity": "velocity over which Coulomb friction changes sign; 0.05 without it",
     "robot.continuous_range": "range of joints without limits; [-2π, 2π] without it",
     "robot.tool_frame": "frame whose motion is reported; the catalogue's, or the last link, without it",

@@ -28,13 +28,13 @@ class Dynamics:
         model: Pinocchio model; its ``gravity`` and ``armature`` are in force.
         viscous_friction: d [N·m·s/rad], shape (nv,).
         coulomb_friction: f [N·m], shape (nv,).
-        coulomb_velocity: v_s [rad/s].
+        coulomb_velocity: v_s [rad/s], one number or one a joint.
     """
 
     model: pin.Model
     viscous_friction: np.ndarray
     coulomb_friction: np.ndarray
-    coulomb_velocity: float = COULOMB_SMOOTHING
+    coulomb_velocity: float | np.ndarray = COULOMB_SMOOTHING
 
     @property
     def nv(self) -> int:
@@ -84,9 +84,9 @@ class Dynamics:
             h.update(_joint_axis_bytes(m, i))
             h.update(np.ascontiguousarray(m.jointPlacements[i].homogeneous).tobytes())
             h.update(np.ascontiguousarray(m.inertias[i].toDynamicParameters()).tobytes())
-        for values in (m.gravity.linear, m.armature, self.viscous_friction, self.coulomb_friction):
+        velocity = np.broadcast_to(self.coulomb_velocity, self.nv)
+        for values in (m.gravity.linear, m.armature, self.viscous_friction, self.coulomb_friction, velocity):
             h.update(np.ascontiguousarray(values, dtype=float).tobytes())
-        h.update(repr(self.coulomb_velocity).encode())
         return h.hexdigest()
 
     @cached_property

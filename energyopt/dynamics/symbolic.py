@@ -56,7 +56,7 @@ def inverse_dynamics(dynamics: Dynamics, source: str | None = None) -> ca.Functi
         tau = _newton_euler(dynamics.model, q, v, a) + ca.DM(dynamics.armature) * a
     tau = tau + ca.DM(dynamics.viscous_friction) * v
     if np.any(dynamics.coulomb_friction):
-        tau = tau + ca.DM(dynamics.coulomb_friction) * ca.tanh(v / dynamics.coulomb_velocity)
+        tau = tau + ca.DM(dynamics.coulomb_friction) * ca.tanh(v / ca.DM(dynamics.coulomb_velocity))
     return ca.Function("inverse_dynamics", [q, v, a], [ca.densify(tau)], ["q", "v", "a"], ["tau"])
 
 

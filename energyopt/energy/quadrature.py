@@ -54,7 +54,8 @@ def _signals(robot: RobotModel, actuators: Actuators | None) -> Callable[[np.nda
     """A function of (q, v, a), each (N, nv), whose columns change sign where a power is not smooth."""
     dynamics = robot.dynamics
     rubs = np.flatnonzero(dynamics.coulomb_friction)
-    levels = [sign * level * dynamics.coulomb_velocity for level in STEEP for sign in (-1.0, 1.0)]
+    widths = np.broadcast_to(dynamics.coulomb_velocity, dynamics.nv)[rubs]
+    levels = [sign * level * widths for level in STEEP for sign in (-1.0, 1.0)]
 
     def signals(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         columns = [v, *(v[:, rubs] - level for level in levels)]

@@ -68,7 +68,7 @@ def robot_from_arrays(meta: dict[str, Any], urdf: str, arrays: Arrays) -> RobotM
     friction = [_vector(arrays, f"{kind}_friction", nv) for kind in ("viscous", "coulomb")]
     robot = RobotModel(
         name=str(meta["name"]),
-        dynamics=Dynamics(model, *friction, float(_vector(arrays, "coulomb_velocity", None))),
+        dynamics=Dynamics(model, *friction, _friction_velocity(arrays, nv)),
         limits=limits,
         urdf=urdf,
         package_dirs=tuple(Path(str(p)) for p in meta["package_dirs"]),
@@ -138,6 +138,12 @@ def problem_from_arrays(meta: dict[str, Any], robot: RobotModel, arrays: Arrays)
         **limits,
         **avoidance_from_arrays(meta, arrays),
     )
+
+
+def _friction_velocity(arrays: Arrays, nv: int) -> float | np.ndarray:
+    if arrays["coulomb_velocity"].ndim:
+        return _vector(arrays, "coulomb_velocity", nv)
+    return float(_vector(arrays, "coulomb_velocity", None))
 
 
 def _limits(arrays: Arrays, prefix: str, nv: int) -> Limits:

@@ -15,6 +15,7 @@ from energyopt.arguments import PATH_SEARCHES
 from energyopt.io.avoidance_schema import AVOIDANCE, PLACE, YES_NO
 from energyopt.io.energy_schema import ACTUATORS, COST
 from energyopt.io.schema import Kind, ListOf, OneOf, Table, by_joint, choice, either, integer, is_number, number, numbers, text
+from energyopt.robots.identified import FRICTION
 
 _PAIR = numbers("a pair [lower, upper]", 2)
 _STRINGS = Kind("a list of texts", lambda x: isinstance(x, list) and all(isinstance(s, str) and 0 < len(s) <= 4000 for s in x))
@@ -83,8 +84,8 @@ _ROBOT = Table(
         "gravity": numbers("three numbers [m/s²]", 3),
         "armature": either(_for_joints("kg·m²", low=0), by_joint(number("kg·m²", low=0))),
         "viscous_friction": _friction("N·m·s/rad"),
-        "coulomb_friction": _friction("N·m"),
-        "coulomb_velocity": number("rad/s", positive=True),
+        "coulomb_friction": either(_friction("N·m"), choice(*FRICTION)),
+        "coulomb_velocity": _limit("rad/s"),
         "continuous_range": either(_PAIR, by_joint(_PAIR)),
         "tool_frame": text("the name of a link or joint"),
         "payload": OneOf(ListOf(_PAYLOAD), _PAYLOAD),

@@ -129,12 +129,18 @@ def gravity_vector(value: ArrayLike | None, where: str) -> np.ndarray:
     return array
 
 
-def positive(key: str, value: Any, where: str) -> float:
-    """A positive finite number."""
+def friction_velocity(value: Any, default: float, names: Sequence[str], where: str) -> float | np.ndarray:
+    """v_s of Coulomb friction [rad/s]: one positive number, or one a joint; a dict leaves the others at ``default``."""
     array = as_numbers(value)
-    if array is None or array.shape != () or not 0 < array <= LARGEST:
-        raise RobotError(f"{where}: {key} is {shown(value)}; expected a positive number")
-    return float(array)
+    if array is None and not isinstance(value, Mapping):
+        raise RobotError(f"{where}: coulomb_velocity is {shown(value)}; expected a positive number, or one a joint")
+    if array is None or array.shape != ():
+        array = joint_values("coulomb_velocity", value, names, default, where)
+    each = np.atleast_1d(array)
+    bad = each[~((each > 0) & (each <= LARGEST))]
+    if bad.size:
+        raise RobotError(f"{where}: coulomb_velocity is {bad[0]:g}; expected a positive number, or one a joint")
+    return array if array.shape else float(array)
 
 
 def stated_friction(root: ET.Element) -> dict[str, dict[str, float]]:

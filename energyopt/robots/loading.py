@@ -20,16 +20,17 @@ from energyopt.robots.arguments import (
     GRAVITY,
     continuous_ranges,
     friction,
+    friction_velocity,
     gravity_vector,
     joint_values,
     locked_joints,
     non_negative,
     payloads,
-    positive,
     stated_friction,
     texts,
 )
 from energyopt.robots.catalogue import CATALOGUE, CatalogueEntry, find_entry, robots_folder
+from energyopt.robots.identified import with_identified
 from energyopt.robots.limits import build_limits, write_limits
 from energyopt.robots.lint import lint_bodies, lint_links, lint_mass_matrix, normalise_axes
 from energyopt.robots.meshes import declared_package_dirs, default_package_dirs, lint_meshes
@@ -54,7 +55,7 @@ def load_robot(
     armature: Any = None,
     viscous_friction: Any = None,
     coulomb_friction: Any = None,
-    coulomb_velocity: float = COULOMB_SMOOTHING,
+    coulomb_velocity: Any = COULOMB_SMOOTHING,
     payload: Payload | Sequence[Payload] | None = None,
     gravity: ArrayLike = GRAVITY,
     package_dirs: Iterable[str | Path] | str | Path = (),
@@ -78,7 +79,7 @@ def load_robot(
         limit_scale: factors on limits, such as {"velocity": 0.5, "torque": 0.8}, applied last.
         armature: rotor inertia seen at the joint [kg·m²], none by default.
         viscous_friction: [N·m·s/rad]; coulomb_friction: [N·m]; none by default; "urdf" takes the
-            file's damping and friction.
+            file's damping and friction, and the name of a published set (see `identified`) its numbers.
         coulomb_velocity: velocity over which Coulomb friction changes sign [rad/s].
         payload: one body, or several, held by the robot.
         gravity: acceleration of gravity in the base frame [m/s²], shape (3,).
@@ -117,15 +118,18 @@ def load_robot(
     write_limits(root, names, limits)
     _finish_model(model, limits, non_negative("armature", armature, names, where), gravity_vector(gravity, where))
     lint_mass_matrix(model, 0.5 * (limits.lower + limits.upper), where)
+    coulomb_friction, coulomb_velocity, set_note = with_identified(
+        coulomb_friction, coulomb_velocity, COULOMB_SMOOTHING, names, where
+    )
     viscous, coulomb, friction_note = friction(of_file, viscous_friction, coulomb_friction, names, where)
     robot = RobotModel(
         name=str(name_or_path) if entry else root.get("name"),
-        dynamics=Dynamics(model, viscous, coulomb, positive("coulomb_velocity", coulomb_velocity, where)),
+        dynamics=Dynamics(model, viscous, coulomb, friction_velocity(coulomb_velocity, COULOMB_SMOOTHING, names, where)),
         limits=limits,
         urdf=prepare.to_text(root),
         package_dirs=folders,
         tool_frame=tool,
-        notes=(*assumed_note, *notes, *friction_note),
+        notes=(*assumed_note, *notes, *friction_note, *set_note),
         home=_home(entry, home, names, limits, where),
         source=path,
         srdf=_srdf(entry, path),
