@@ -64,6 +64,9 @@ class ActuatorModel:
             object.__setattr__(self, key, value)
 
 
+PARAMETERS = tuple(field.name for field in fields(ActuatorModel))
+"""Names of the parameters of a drive."""
+
 _RANGES = {
     "gear_ratio": ("", 0.0, LARGEST, True),
     "torque_constant": ("N·m/A", 0.0, LARGEST, True),
@@ -138,8 +141,15 @@ class Actuators:
         return len(self.models)
 
     def values(self, key: str) -> np.ndarray:
-        """One parameter of all joints, such as ``values("efficiency")``, shape (nv,)."""
-        return np.array([getattr(model, key) for model in self.models])
+        """One parameter of all joints, such as ``values("efficiency")``, shape (nv,). Read-only."""
+        return self._columns[key]
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        columns = {key: np.array([getattr(model, key) for model in self.models]) for key in PARAMETERS}
+        for column in columns.values():
+            column.flags.writeable = False
+        return columns
 
     @cached_property
     def copper(self) -> np.ndarray:
@@ -225,7 +235,3 @@ def number(key: str, value: Any, unit: str, low: float, high: float, above: bool
 
 def _shown(value: Any) -> str:
     return " ".join(repr(value).split())[:100]
-
-
-PARAMETERS = tuple(field.name for field in fields(ActuatorModel))
-"""Names of the parameters of a drive."""

@@ -31,14 +31,14 @@ from energyopt.robots.model import RobotModel
 
 
 class _Drive(NamedTuple):
-    """u and its derivatives, each of shape (N, nv)."""
+    """u and its derivatives, as far as they are asked for, each of shape (N, nv)."""
 
     u: np.ndarray
-    tau: np.ndarray
-    v: np.ndarray
-    tau_tau: np.ndarray
-    tau_v: np.ndarray
-    v_v: np.ndarray
+    tau: np.ndarray | None = None
+    v: np.ndarray | None = None
+    tau_tau: np.ndarray | None = None
+    tau_v: np.ndarray | None = None
+    v_v: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class ElectricalEnergy(SmoothTerm):
 
     def integrand(self, samples: Samples, order: int = 0) -> Integrand:
         drives, width = self._drives(), self.smoothing
-        one = _drive(drives, samples.tau, samples.v, width)
+        one = _drive(drives, samples.tau, samples.v, width, order)
         at_supply = one.u.sum(axis=1, keepdims=True) if drives.shared_bus else one.u
         share = drives.values("regeneration")[:1] if drives.shared_bus else drives.values("regeneration")
         positive, first, second = smooth_positive(at_supply, width)
@@ -100,21 +100,31 @@ class ElectricalEnergy(SmoothTerm):
         return self.actuators
 
 
-def _drive(drives: Actuators, tau: np.ndarray, v: np.ndarray, width: float) -> _Drive:
-    """u of every joint with its derivatives in (τ, q̇)."""
+def _drive(drives: Actuators, tau: np.ndarray, v: np.ndarray, width: float, order: int) -> _Drive:
+    """u of every joint with its derivatives in (τ, q̇) up to an order."""
     power, kappa = tau * v, drives.copper
+    square = kappa * tau**2
     slope = -np.log(drives.values("efficiency"))
     s, s1, s2 = smooth_sign(power, width)
     e = np.exp(slope * s)
-    e1 = e * slope * s1
-    e2 = e * ((slope * s1) ** 2 + slope * s2)
-    m1, m2 = e + power * e1, 2.0 * e1 + power * e2
-    g, g1, g2 = e * e, 2.0 * e * e1, 2.0 * (e1 * e1 + e * e2)
+    g = e * e
+    u = power * e + square * g
+    if order < 1:
+        return _Drive(u)
+    slope1 = slope * s1
+    e1 = e * slope1
+    m1, g1 = e + power * e1, 2.0 * e * e1
+    both = m1 + square * g1  # what u_τ and u_q̇ have in common: their factors are q̇ and τ
+    first = both * v + 2.0 * kappa * tau * g, both * tau
+    if order < 2:
+        return _Drive(u, *first)
+    e2 = e * (slope1 * slope1 + slope * s2)
+    m2, g2 = 2.0 * e1 + power * e2, 2.0 * (e1 * e1 + e * e2)
+    bend = m2 + square * g2
     return _Drive(
-        u=power * e + kappa * tau**2 * g,
-        tau=m1 * v + kappa * tau * (2.0 * g + power * g1),
-        v=m1 * tau + kappa * tau**3 * g1,
-        tau_tau=m2 * v**2 + kappa * (2.0 * g + 4.0 * power * g1 + power**2 * g2),
-        tau_v=m1 + m2 * power + kappa * tau**2 * (3.0 * g1 + power * g2),
-        v_v=m2 * tau**2 + kappa * tau**4 * g2,
+        u,
+        *first,
+        tau_tau=bend * v**2 + kappa * (2.0 * g + 4.0 * power * g1),
+        tau_v=bend * power + m1 + 3.0 * square * g1,
+        v_v=bend * tau**2,
     )
