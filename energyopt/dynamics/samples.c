@@ -28,6 +28,13 @@ typedef struct {
   double *coefficient, *state, *torque; /* work: coefficients x NV, samples x NZ, samples x NV */
   double *multiplier, *power, *jacobian; /* work: samples x NV, samples x NV, max(demanded, LANES) x NV x NZ */
   double *gradient;                      /* work: samples x NZ */
+  /* Another cost than squares, sum of phi(v, a, tau); null: squares. All are derivatives of its weighted share at each sample: */
+  const double *cost_first;    /* samples x 3 NV: in tau, v, a */
+  const double *cost_second;   /* samples x 4 NV: in tau tau, tau v, v v, a a; joints do not mix, ... */
+  const double *cost_mixed;    /* samples x (1 + 2 NV): ... but for kappa (alpha, beta)(alpha, beta)' in (tau, v); may be null */
+  /* A direction of each sample's state, and where the Hessian of its share in the Lagrangian times it goes; may be null. */
+  const double *direction;     /* samples x NZ */
+  double *turned;              /* samples x NZ */
 } Program;
 
 static void pack(const double *from, long size, long first, long count, V *to) {
@@ -76,9 +83,9 @@ void eo_jacobian(long N, const double *z, double *tau, double *Jt) {
   }
 }
 
-/* one group of lanes: the full symmetric S + J' diag(p) J */
-static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, V *H) {
-  V zz[NZ], pp[NV], mm[NV], jj[NV * NZ], ss[LOWER];
+/* one group of lanes: the full symmetric S + J' diag(p) J, and J transposed */
+static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, V *H, V *jj) {
+  V zz[NZ], pp[NV], mm[NV], ss[LOWER];
   pack(z, NZ, k, n, zz);
   pack(p, NV, k, n, pp);
   pack(mu, NV, k, n, mm);
@@ -98,9 +105,9 @@ static void hessian_group(long k, long n, const double *z, const double *p, cons
 }
 
 void eo_hessian(long N, const double *z, const double *p, const double *mu, double *H) {
-  V hh[NZ * NZ];
+  V hh[NZ * NZ], jj[NV * NZ];
   FOR_LANES(k, n, N) {
-    hessian_group(k, n, z, p, mu, hh);
+    hessian_group(k, n, z, p, mu, hh, jj);
     unpack(hh, NZ * NZ, k, n, H);
   }
 }
@@ -148,26 +155,36 @@ void eo_program_constraints(const Program *P, const double *x, double *g) {
     g[P->entry_row[e]] += P->entry_scale[e] * P->torque[P->entry_sample[e] * NV + P->entry_joint[e]];
 }
 
-static void set_power(const Program *P, double sigma) {
+/* p and mu whose u = p tau + mu is what the objective, times sigma, wants of the torque; p has its curvature */
+static void set_objective(const Program *P, double sigma, int curved) {
   for (long k = 0; k < P->samples; ++k)
-    for (long i = 0; i < NV; ++i) P->power[k * NV + i] = 2.0 * sigma * P->weight[k] * P->torque_weight[i];
+    for (long i = 0; i < NV; ++i) {
+      const long m = k * NV + i;
+      if (!P->cost_first) {
+        P->power[m] = 2.0 * sigma * P->weight[k] * P->torque_weight[i];
+        P->multiplier[m] = 0.0;
+      } else {
+        P->power[m] = curved ? sigma * P->cost_second[k * 4 * NV + i] : 0.0;
+        P->multiplier[m] = sigma * P->cost_first[k * 3 * NV + i] - P->power[m] * P->torque[m];
+      }
+    }
 }
 
-static void set_multiplier(const Program *P, const double *lambda) {
-  for (long m = 0; m < P->samples * NV; ++m) P->multiplier[m] = 0.0;
-  if (!lambda) return;
+static void add_rows(const Program *P, const double *lambda) {
   for (long e = 0; e < P->entries; ++e)
     P->multiplier[P->entry_sample[e] * NV + P->entry_joint[e]] += P->entry_scale[e] * lambda[P->entry_row[e]];
 }
 
 void eo_program_gradient(const Program *P, double *gradient) {
-  set_power(P, 1.0);
-  set_multiplier(P, 0);
+  set_objective(P, 1.0, 0);
   eo_adjoint(P->samples, P->state, P->power, P->multiplier, P->torque, P->gradient);
   for (long m = 0; m < P->blocks * NV; ++m) gradient[m] = 0.0;
   for (long k = 0; k < P->samples; ++k) {
     double *g = P->gradient + k * NZ;
-    for (long m = 0; m < NZ; ++m) g[m] += 2.0 * P->weight[k] * P->state_weight[m] * P->state[k * NZ + m];
+    if (P->cost_first)
+      for (long m = 0; m < 2 * NV; ++m) g[NV + m] += P->cost_first[k * 3 * NV + NV + m];
+    else
+      for (long m = 0; m < NZ; ++m) g[m] += 2.0 * P->weight[k] * P->state_weight[m] * P->state[k * NZ + m];
     for (long l = 0; l < P->local; ++l) {
       const int b = P->block[P->column[k * P->local + l]];
       if (b < 0) continue;
@@ -247,15 +264,63 @@ static void add_group_hessian(const Program *P, long k, long n, const V *H, doub
   }
 }
 
-void eo_program_hessian(const Program *P, double sigma, const double *lambda, double *values) {
-  V H[NZ * NZ], weight[1];
-  set_power(P, sigma);
-  set_multiplier(P, lambda);
-  for (long e = 0; e < P->hess_nonzeros; ++e) values[e] = 0.0;
-  FOR_LANES(k, n, P->samples) {
-    hessian_group(k, n, P->state, P->power, P->multiplier, H);
+/* add kappa d d', d = J' alpha + (0, beta, 0) */
+static void add_mixed(const Program *P, long k, long n, double sigma, const V *jj, V *H) {
+  V mixed[1 + 2 * NV], d[NZ];
+  pack(P->cost_mixed, 1 + 2 * NV, k, n, mixed);
+  for (long a = 0; a < NZ; ++a) {
+    d[a] = mixed[1] * jj[a * NV];
+    for (long i = 1; i < NV; ++i) d[a] += mixed[1 + i] * jj[a * NV + i];
+  }
+  for (long i = 0; i < NV; ++i) d[NV + i] += mixed[1 + NV + i];
+  for (long a = 0; a < NZ; ++a) {
+    const V scaled = mixed[0] * sigma * d[a];
+    for (long b = 0; b < NZ; ++b) H[a * NZ + b] += scaled * d[b];
+  }
+}
+
+/* what the second derivatives of the objective add to J' diag(p) J + S */
+static void add_cost_curvature(const Program *P, long k, long n, double sigma, const V *jj, V *H) {
+  if (!P->cost_first) {
+    V weight[1];
     pack(P->weight, 1, k, n, weight);
     for (long m = 0; m < NZ; ++m) H[m * NZ + m] += weight[0] * (2.0 * sigma * P->state_weight[m]);
+    return;
+  }
+  V second[4 * NV];
+  pack(P->cost_second, 4 * NV, k, n, second);
+  for (long i = 0; i < NV; ++i) {
+    const long v = NV + i, w = 2 * NV + i;
+    const V cross = sigma * second[NV + i];
+    for (long a = 0; a < NZ; ++a) {
+      H[a * NZ + v] += cross * jj[a * NV + i];
+      H[v * NZ + a] += cross * jj[a * NV + i];
+    }
+    H[v * NZ + v] += sigma * second[2 * NV + i];
+    H[w * NZ + w] += sigma * second[3 * NV + i];
+  }
+  if (P->cost_mixed) add_mixed(P, k, n, sigma, jj, H);
+}
+
+static void turn(const Program *P, long k, long n, const V *H) {
+  V direction[NZ], turned[NZ];
+  pack(P->direction, NZ, k, n, direction);
+  for (long a = 0; a < NZ; ++a) {
+    turned[a] = H[a * NZ] * direction[0];
+    for (long b = 1; b < NZ; ++b) turned[a] += H[a * NZ + b] * direction[b];
+  }
+  unpack(turned, NZ, k, n, P->turned);
+}
+
+void eo_program_hessian(const Program *P, double sigma, const double *lambda, double *values) {
+  V H[NZ * NZ], jj[NV * NZ];
+  set_objective(P, sigma, 1);
+  add_rows(P, lambda);
+  for (long e = 0; e < P->hess_nonzeros; ++e) values[e] = 0.0;
+  FOR_LANES(k, n, P->samples) {
+    hessian_group(k, n, P->state, P->power, P->multiplier, H, jj);
+    add_cost_curvature(P, k, n, sigma, jj, H);
+    if (P->direction) turn(P, k, n, H);
     add_group_hessian(P, k, n, H, values);
   }
 }

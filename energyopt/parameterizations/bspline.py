@@ -156,6 +156,11 @@ class SplineSpace(MotionSpace):
         p = self.degree
         return np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], p).mean(axis=1)
 
+    def stretched(self, duration: float) -> SplineSpace:
+        breaks = self.breaks * (duration / self.duration)
+        breaks[-1] = duration
+        return SplineSpace(breaks, self.degree, self.nodes)
+
     def refined(self, times: np.ndarray) -> SplineSpace:
         """The space with further knots; it contains this one."""
         return SplineSpace(np.union1d(self.breaks, times), self.degree, self.nodes)

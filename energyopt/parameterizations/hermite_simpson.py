@@ -132,6 +132,11 @@ class HermiteSimpsonSpace(MotionSpace):
         states = [trajectory(times, order) * stretch**order for order in range(3)]
         return np.stack(states, axis=1).reshape(self.size, trajectory.nv)
 
+    def stretched(self, duration: float) -> HermiteSimpsonSpace:
+        breaks = self.breaks * (duration / self.duration)
+        breaks[-1] = duration
+        return HermiteSimpsonSpace(breaks, self.nodes)
+
     def _rows(self, pattern: tuple) -> Rows:
         """The rows of a pattern, for every interval."""
         h, count = np.diff(self.breaks), len(self.breaks) - 1

@@ -103,6 +103,9 @@ class SinusoidSpace(MotionSpace):
             coefficients[6:] = np.linalg.lstsq(values[:, 6:], rest, rcond=None)[0]
         return coefficients
 
+    def stretched(self, duration: float) -> SinusoidSpace:
+        return SinusoidSpace(duration, self.harmonics, self.nodes)
+
     def _basis_functions(self) -> SinusoidTrajectory:
         """All basis functions as one trajectory, a "joint" each."""
         H, T = self.harmonics, self.duration

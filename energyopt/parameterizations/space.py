@@ -126,6 +126,10 @@ class MotionSpace(ABC):
     def interpolate(self, trajectory: Trajectory) -> np.ndarray:
         """Coefficients (size, nv) of a motion near ``trajectory``; exact where the space contains it."""
 
+    @abstractmethod
+    def stretched(self, duration: float) -> MotionSpace:
+        """The same motions, run through in another time."""
+
     def rows_at(self, t: np.ndarray, order: int) -> Rows:
         """Rows that give the derivative of this order at the times ``t`` (N,)."""
         columns, values = self.basis(np.asarray(t, float), order + 1)

@@ -52,6 +52,16 @@ class Cuts:
     def copy(self) -> Cuts:
         return Cuts(set(self.torque), set(self.rates), set(self.samples), dict(self.clearance))
 
+    def stretched(self, factor: float) -> Cuts:
+        """The same rows of a motion that takes ``factor`` times as long."""
+        f = factor
+        return Cuts(
+            {(t * f, i) for t, i in self.torque},
+            {(t0 * f, t1 * f, i) for t0, t1, i in self.rates},
+            {(order, t * f, i) for order, t, i in self.samples},
+            {(t * f, a, b): distance for (t, a, b), distance in self.clearance.items()},
+        )
+
     def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
         """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).
 
@@ -87,6 +97,7 @@ class Cuts:
             ).astype(int),
             joint=np.concatenate([np.array([i for _, i in torque], int), joints, joints]),
             scale=np.concatenate([np.ones(len(torque)), -inverse, inverse]),
+            rate=np.repeat([False, True], [len(torque), 2 * len(rates)]),
             lower=-bound,
             upper=bound,
         )

@@ -6,11 +6,14 @@ puts them beside the rows of the main program. A new constraint of this kind is 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csr_array
 
+from energyopt.costs import CostTerm, Samples
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots.model import RobotModel
@@ -40,9 +43,35 @@ class ExtraRows(Protocol):
 
     def curvature(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray: ...
 
+    def stretch(self, theta: float) -> None:
+        """Before an evaluation: the motion takes exp(theta) times as long as its space says."""
+
+    def in_theta(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> ThetaTerms:
+        """Derivatives that involve theta, at the point evaluated last; see `stretch`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThetaTerms:
+    """What an extra has to do with theta.
+
+    Attributes:
+        slope: of its objective; rows: of its rows; crossed: ∂²L/∂θ∂x, as long as the part of x it touches; bent: ∂²L/∂θ².
+    """
+
+    slope: float = 0.0
+    rows: np.ndarray | float = 0.0
+    crossed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    bent: float = 0.0
+
 
 class _Priceless:
-    """No share of the objective."""
+    """No share of the objective, and nothing to do with the duration: times count as shares of it."""
+
+    def stretch(self, theta: float) -> None:
+        pass
+
+    def in_theta(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> ThetaTerms:
+        return ThetaTerms()
 
     def objective(self) -> float:
         return 0.0
@@ -190,11 +219,80 @@ class FreeWaypoints(_Priceless):
         return state, shares
 
 
+class JerkCost(_Priceless):
+    """The share of a cost term in the third derivative of the motion: Σ_k ω_k φ(d³q/dt³(t_k)).
+
+    In the unknowns the jerk is linear; on a motion e^θ times as long it is e^{−3θ} of what the space says.
+    """
+
+    variables = 0
+
+    def __init__(self, term: CostTerm, space: MotionSpace, unknowns: Unknowns, parts: np.ndarray):
+        """``parts``: offsets by what they come from, (3, size, nv); see `stretch.offset_parts`."""
+        times, self._weight = space.quadrature()
+        columns, values = space.basis(times, 4)
+        values, blocks = values[:, 3], unknowns.block[columns]
+        sample, place = np.nonzero(blocks >= 0)
+        share = csr_array((values[sample, place], (sample, blocks[sample, place])), shape=(len(times), unknowns.count))
+        self._term, self._share, self._nv, self._theta = term, share, parts.shape[2], 0.0
+        self._parts = np.einsum("kl,pkli->pki", values, parts[:, columns])
+        there = csr_array(abs(share)).T @ abs(share)
+        self._first, self._second = np.nonzero(np.triu(there.toarray()))
+        dense = share.toarray().T
+        self._products = csr_array(dense[self._first] * dense[self._second])
+        self.lower = self.upper = self.row_lower = self.row_upper = np.zeros(0)
+
+    def guess(self, coefficients):
+        return np.zeros(0)
+
+    def jacobian_pattern(self):
+        return np.zeros(0, int), np.zeros(0, int)
+
+    def hessian_pattern(self):
+        joints = np.arange(self._nv)
+        return ((blocks[:, None] * self._nv + joints).ravel() for blocks in (self._first, self._second))
+
+    def stretch(self, theta):
+        self._theta = theta
+
+    def evaluate(self, x):
+        free = self._share @ x[: self._share.shape[1] * self._nv].reshape(-1, self._nv)
+        scale = [np.exp((k - 3) * self._theta) for k in range(3)]
+        self._own = scale[0] * free
+        self._ends = [s * part for s, part in zip(scale, self._parts, strict=True)]
+        nothing = np.zeros_like(free)
+        jerk = self._own + sum(self._ends)
+        self._found = self._term.integrand(Samples(nothing, nothing, nothing, jerk, nothing), 2)
+        self._omega = self._term.weight * self._weight * np.exp(self._theta)
+        return np.zeros(0), np.zeros(0)
+
+    def objective(self):
+        return float(self._omega @ self._found.value)
+
+    def gradient(self):
+        return self._gathered(self._found.jerk)
+
+    def curvature(self, x, sigma, multipliers):
+        scale = sigma * np.exp(-6.0 * self._theta)
+        return (self._products @ (scale * self._omega[:, None] * self._found.jerk_jerk)).ravel()
+
+    def in_theta(self, x, sigma, multipliers):
+        speed = -3.0 * self._own + sum((k - 3) * end for k, end in enumerate(self._ends))
+        change = 9.0 * self._own + sum((k - 3) ** 2 * end for k, end in enumerate(self._ends))
+        first, second = self._found.jerk, self._found.jerk_jerk
+        slope = self.objective() + float(self._omega @ (first * speed).sum(axis=1))
+        bent = float(self._omega @ (second * speed**2 + first * change + 2.0 * first * speed).sum(axis=1)) + self.objective()
+        return ThetaTerms(slope, 0.0, sigma * self._gathered(second * speed - 2.0 * first), sigma * bent)
+
+    def _gathered(self, values: np.ndarray) -> np.ndarray:
+        return (self._share.T @ (np.exp(-3.0 * self._theta) * self._omega[:, None] * values)).ravel()
+
+
 class ExtendedEvaluator:
     """A program's evaluator with extra rows and unknowns behind its own."""
 
     def __init__(self, base, size: int, rows: int, base_patterns: tuple, extras: list[ExtraRows]):
-        self._base, self._size, self._rows, self._extras = base, size, rows, extras
+        self._base, self._size, self._rows, self.extras = base, size, rows, extras
         self._counts = [len(extra.row_lower) for extra in extras]
         total = size + sum(extra.variables for extra in extras)
         first = rows + np.cumsum([0, *self._counts])
@@ -209,10 +307,10 @@ class ExtendedEvaluator:
     def move(self, x):
         self._x = x
         self._base.move(x[: self._size])
-        self._values = [extra.evaluate(x) for extra in self._extras]
+        self._values = [extra.evaluate(x) for extra in self.extras]
 
     def objective(self):
-        return self._base.objective() + sum(extra.objective() for extra in self._extras)
+        return self._base.objective() + sum(extra.objective() for extra in self.extras)
 
     def constraints(self, x, out):
         own = np.empty(self._rows)
@@ -223,7 +321,7 @@ class ExtendedEvaluator:
         own = np.empty(self._size)
         self._base.gradient(own)
         out[: self._size], out[self._size :] = own, 0.0
-        for extra in self._extras:
+        for extra in self.extras:
             slope = extra.gradient()
             if slope is not None:
                 out[: len(slope)] += slope
@@ -236,7 +334,7 @@ class ExtendedEvaluator:
     def hessian(self, sigma, multipliers, out):
         self._base.hessian(sigma, multipliers[: self._rows].copy(), self._hess_base)
         parts, first = [self._hess_base], self._rows
-        for extra, count in zip(self._extras, self._counts, strict=True):
+        for extra, count in zip(self.extras, self._counts, strict=True):
             parts.append(extra.curvature(self._x, sigma, multipliers[first : first + count]))
             first += count
         out[:] = np.bincount(self._hess_place, np.concatenate(parts), minlength=len(out))

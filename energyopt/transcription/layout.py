@@ -21,7 +21,7 @@ class TorqueRows:
 
     Attributes:
         times: extra samples [s], (E,), beyond those of the quadrature.
-        row, sample, joint, scale: one entry of D each.
+        row, sample, joint, scale: one entry of D each. rate: whether it divides by a time, as rates do.
         lower, upper: (R,) [N·m] or [N·m/s].
     """
 
@@ -32,6 +32,7 @@ class TorqueRows:
     scale: np.ndarray = field(default_factory=lambda: np.zeros(0))
     lower: np.ndarray = field(default_factory=lambda: np.zeros(0))
     upper: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rate: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class Layout:
     jac_start: np.ndarray
     jac_row: np.ndarray
     jac_constant: np.ndarray
+    jac_linear: np.ndarray
     entry_target: np.ndarray
     demand: np.ndarray
     entry_demand: np.ndarray
@@ -87,7 +89,8 @@ def make_layout(
 
 
 def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.ndarray, nv: int):
-    """Column starts, rows and constant values of the Jacobian, and the place of each torque entry's derivatives in it."""
+    """Column starts, rows and constant values of the Jacobian, and the places in it of the linear rows' values and of each torque
+    entry's derivatives."""
     first, size = len(linear.lower), len(linear.x_lower)
     blocks = local_block[torque.sample]
     columns = np.where(blocks[..., None] >= 0, blocks[..., None] * nv + np.arange(nv), -1).reshape(
@@ -105,7 +108,7 @@ def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.nd
     constant[inverse[: len(linear.value)]] = linear.value
     target = np.full(columns.shape, -1)
     target[there] = inverse[len(linear.value) :]
-    return start, places % max(total, 1), constant, target
+    return start, places % max(total, 1), constant, inverse[: len(linear.value)], target
 
 
 def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):

@@ -46,6 +46,8 @@ class LinearRows:
         start, column, value: A compressed by row, (R + 1,), (E,), (E,).
         offset, lower, upper: (R,).
         x_lower, x_upper: (n,).
+        order: (R,) of the derivative a row bounds; parts: (3, R), what position, velocity and acceleration at the ends contribute
+            to the offset, where the duration is free; else None.
     """
 
     start: np.ndarray
@@ -56,6 +58,8 @@ class LinearRows:
     upper: np.ndarray
     x_lower: np.ndarray
     x_upper: np.ndarray
+    order: np.ndarray
+    parts: np.ndarray | None = None
 
     @property
     def row(self) -> np.ndarray:
@@ -75,28 +79,41 @@ def limits_of_order(limits: Limits, order: int) -> tuple[np.ndarray, np.ndarray]
     return -bound, bound
 
 
-def linear_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns, samples: tuple[SampleRow, ...] = ()) -> LinearRows:
-    """All linear constraints of a problem in one motion space."""
+def linear_rows(
+    problem: Problem,
+    space: MotionSpace,
+    unknowns: Unknowns,
+    samples: tuple[SampleRow, ...] = (),
+    parts: np.ndarray | None = None,
+) -> LinearRows:
+    """All linear constraints of a problem in one motion space.
+
+    Args:
+        parts: offsets of the unknowns, (3, size, nv), by what they come from, where the duration is free: rows of derivatives
+            change with it and must not become bounds on x.
+    """
     nv, groups = problem.robot.nv, []
     for order in range(4):
         low, high = limits_of_order(problem.limits, order)
         if np.any(np.isfinite(low) | np.isfinite(high)):
             rows = space.bounding_rows(order)
-            groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1))))
+            groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1)), order))
             for sample in (s for s in samples if s.order == order):
                 bounds = np.where(sample.joints, low, -np.inf), np.where(sample.joints, high, np.inf)
-                groups.append((space.rows_at(sample.times, order), *bounds))
+                groups.append((space.rows_at(sample.times, order), *bounds, order))
     defects = space.defects()
-    groups.append((defects, *(np.zeros((defects.count, nv)),) * 2))
+    groups.append((defects, *(np.zeros((defects.count, nv)),) * 2, 0))
     timed = [w for w in problem.waypoints if w.time is not None]
     if timed:
         positions = np.array([w.position for w in timed])
-        groups.append((space.rows_at(np.array([w.time for w in timed]), 0), positions, positions))
+        groups.append((space.rows_at(np.array([w.time for w in timed]), 0), positions, positions, 0))
     rows = Rows.stacked([g[0] for g in groups])
-    return _in_unknowns(rows, unknowns, *(np.concatenate([g[k] for g in groups]) for k in (1, 2)))
+    low, high = (np.concatenate([g[k] for g in groups]) for k in (1, 2))
+    order = np.concatenate([np.full(g[0].count, g[3]) for g in groups])
+    return _in_unknowns(rows, unknowns, low, high, order, parts)
 
 
-def _in_unknowns(rows: Rows, unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> LinearRows:
+def _in_unknowns(rows: Rows, unknowns: Unknowns, low, high, order, parts) -> LinearRows:
     """Rows in coefficients (shared by the joints) → rows and bounds in x; ``low`` and ``high`` are (R, nv)."""
     count = max(unknowns.count, 1)
     constant = rows @ unknowns.offset
@@ -108,11 +125,14 @@ def _in_unknowns(rows: Rows, unknowns: Unknowns, low: np.ndarray, high: np.ndarr
     # Entries that cancel are dropped, judged row by row: those of a jerk on short spans are 1e13 times those of a position.
     kept = np.abs(value) > 1e-12 * _largest(rows.row, rows.value, rows.count)[row]
     row, block, value = row[kept], block[kept], value[kept]
-    touched = np.bincount(row, minlength=rows.count)
-    single = touched[row] == 1
+    touched = np.bincount(row, minlength=rows.count) == 1
+    if parts is not None:
+        parts = np.array([rows @ part for part in parts])
+        touched &= (order == 0) & ~np.any(parts[1:], axis=(0, 2))
+    single = touched[row]
     bounds = _simple_bounds(row[single], block[single], value[single], low - constant, high - constant, unknowns.count)
     several = ~single
-    return _general_rows(row[several], block[several], value[several], (low, high, constant), bounds)
+    return _general_rows(row[several], block[several], value[several], (low, high, constant), bounds, order, parts)
 
 
 def _simple_bounds(row, block, value, low, high, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -124,7 +144,7 @@ def _simple_bounds(row, block, value, low, high, count: int) -> tuple[np.ndarray
     return x_lower.ravel(), x_upper.ravel()
 
 
-def _general_rows(row, block, value, sides, bounds) -> LinearRows:
+def _general_rows(row, block, value, sides, bounds, order, parts) -> LinearRows:
     """One row a joint with a finite limit.
 
     The third difference that bounds a jerk on a short span may vary by 1e-10 rad only, so what the solver tolerates must be a
@@ -141,12 +161,20 @@ def _general_rows(row, block, value, sides, bounds) -> LinearRows:
     new_row = number[row].ravel()[used]
     new_column = (block[:, None] * nv + np.arange(nv)).ravel()[used]
     new_value = (value[:, None] * scale[row]).ravel()[used]
-    order = np.argsort(new_row, kind="stable")
-    start = np.searchsorted(new_row[order], np.arange(int(bounded.sum()) + 1))
+    sorting = np.argsort(new_row, kind="stable")
+    start = np.searchsorted(new_row[sorting], np.arange(int(bounded.sum()) + 1))
     pick = lambda side: (side * scale)[bounded]
     backoff = _backoff(pick(high) - pick(low), scale[bounded])
     return LinearRows(
-        start, new_column[order], new_value[order], pick(constant), pick(low) + backoff, pick(high) - backoff, *bounds
+        start,
+        new_column[sorting],
+        new_value[sorting],
+        pick(constant),
+        pick(low) + backoff,
+        pick(high) - backoff,
+        *bounds,
+        order=np.broadcast_to(order[:, None], bounded.shape)[bounded],
+        parts=None if parts is None else np.array([pick(part) for part in parts]),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energyopt.costs import CostTerm, SquaredTerm
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
@@ -14,9 +15,11 @@ from energyopt.problem import Problem
 from energyopt.transcription.clearance import ClearanceTerms
 from energyopt.transcription.cuts import Cuts
 from energyopt.transcription.evaluators import make_evaluator
-from energyopt.transcription.extras import ExtendedEvaluator, extra_rows
+from energyopt.transcription.extras import ExtendedEvaluator, JerkCost, extra_rows
 from energyopt.transcription.layout import Layout, make_layout
 from energyopt.transcription.linear import linear_rows
+from energyopt.transcription.stage_costs import StageCosts
+from energyopt.transcription.stretch import StretchedEvaluator, offset_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +31,7 @@ class NonlinearProgram:
         lower, upper: bounds on x, (n,); row_lower, row_upper: bounds on g, (m,).
         jacobian_pattern, hessian_pattern: column starts and rows; the Hessian's upper triangle.
         evaluator: `move(x)`, then objective, constraints, gradient, jacobian, hessian.
+        extras: constraints that are neither linear nor torques. parts: see `stretch.offset_parts`; None where T is given.
     """
 
     space: MotionSpace
@@ -41,6 +45,7 @@ class NonlinearProgram:
     hessian_pattern: tuple[np.ndarray, np.ndarray]
     evaluator: object
     extras: tuple = ()
+    parts: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -53,25 +58,36 @@ class NonlinearProgram:
     @property
     def linear_only(self) -> bool:
         """Whether no row is nonlinear (its Jacobian never changes)."""
-        return not len(self.layout.torque.lower) and not self.extras
+        return not (len(self.layout.torque.lower) or self.extras or self.stretches)
+
+    @property
+    def stretches(self) -> bool:
+        """Whether the duration is an unknown, the last one."""
+        return self.parts is not None
+
+    def duration(self, x: np.ndarray) -> float:
+        """T [s] of the unknowns ``x``."""
+        return self.space.duration * float(np.exp(x[-1])) if self.stretches else self.space.duration
 
     def coefficients(self, x: np.ndarray) -> np.ndarray:
         """Coefficients (size, nv) of the unknowns ``x``."""
         u, nv = self.unknowns, self.layout.nv
         padded = np.concatenate([x[: u.count * nv].reshape(-1, nv), np.zeros((1, nv))])
-        return u.offset + padded[u.block]
+        offset = np.einsum("p,pji->ji", np.exp(x[-1] * np.arange(3)), self.parts) if self.stretches else u.offset
+        return offset + padded[u.block]
 
     def trajectory(self, x: np.ndarray) -> Trajectory:
-        return self.space.trajectory(self.coefficients(x))
+        trajectory = self.space.trajectory(self.coefficients(x))
+        return trajectory.stretched(self.duration(x)) if self.stretches else trajectory
 
     def guess(self, trajectory: Trajectory) -> np.ndarray:
-        """Unknowns of the motion nearest to ``trajectory``, moved inside the bounds on x."""
+        """Unknowns of the motion nearest to ``trajectory``, run through in the space's duration, inside the bounds on x."""
         wanted = self.space.interpolate(trajectory) - self.unknowns.offset
         known = self.unknowns.block >= 0
         x = np.zeros((self.unknowns.count, self.layout.nv))
         x[self.unknowns.block[known]] = wanted[known]
-        more = [extra.guess(self.coefficients(x.ravel())) for extra in self.extras]
-        return np.clip(np.concatenate([x.ravel(), *more]), self.lower, self.upper)
+        more = [extra.guess(self.unknowns.offset + np.append(x, np.zeros((1, x.shape[1])), 0)[self.unknowns.block]) for extra in self.extras]
+        return np.clip(np.concatenate([x.ravel(), *more, np.zeros(self.stretches)]), self.lower, self.upper)
 
 
 def boundary_states(problem: Problem) -> tuple[BoundaryState, BoundaryState]:
@@ -88,6 +104,7 @@ def transcribe(
     kernels: Kernels,
     cuts: Cuts | None = None,
     clearance: Callable[[MotionSpace, Unknowns, Cuts], ClearanceTerms | None] | None = None,
+    durations: tuple[float, float] | None = None,
 ) -> NonlinearProgram:
     """The nonlinear program of a problem in a motion space.
 
@@ -97,33 +114,51 @@ def transcribe(
         kernels: of the problem's robot.
         cuts: rows added so far.
         clearance: makes the terms of clearance, where there is something to stay clear of.
+        durations: where the duration is an unknown, its bounds [s]; otherwise it is that of the space.
     """
-    nv = problem.robot.nv
-    unknowns = space.unknowns(*boundary_states(problem))
-    cuts = cuts or Cuts()
-    linear = linear_rows(problem, space, unknowns, cuts.sample_rows(nv))
+    ends = boundary_states(problem)
+    unknowns, cuts = space.unknowns(*ends), cuts or Cuts()
+    parts = offset_parts(space, *ends)
+    free = None if durations is None else parts
+    linear = linear_rows(problem, space, unknowns, cuts.sample_rows(problem.robot.nv), free)
     torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
-    zeros = np.zeros(nv)
-    weights = (problem.torque_weights, np.concatenate([zeros, problem.velocity_weight, zeros]))
-    layout = make_layout(space, unknowns, linear, torque, weights)
+    squares, costs, jerks = split_costs(problem)
+    layout = make_layout(space, unknowns, linear, torque, squares)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
-    evaluator, extras = make_evaluator(layout, kernels), extra_rows(problem, space, unknowns)
+    base = evaluator = make_evaluator(layout, kernels, costs)
+    extras = [*extra_rows(problem, space, unknowns), *(JerkCost(term, space, unknowns, parts) for term in jerks)]
     if clearance is not None and (terms := clearance(space, unknowns, cuts)) is not None:
         extras.append(terms)
     if extras:
         evaluator = ExtendedEvaluator(evaluator, layout.size, layout.rows, patterns, extras)
         patterns = evaluator.jacobian_pattern, evaluator.hessian_pattern
     every = lambda own, name: np.concatenate([*own, *(getattr(extra, name) for extra in extras)])
+    lower, upper = every([linear.x_lower], "lower"), every([linear.x_upper], "upper")
+    row_lower, row_upper = every([linear.lower, torque.lower], "row_lower"), every([linear.upper, torque.upper], "row_upper")
+    if free is not None:
+        theta = np.log(np.asarray(durations) / space.duration)
+        evaluator = StretchedEvaluator(base, evaluator, extras, (len(lower), len(row_lower)), patterns, free)
+        patterns = evaluator.jacobian_pattern, evaluator.hessian_pattern
+        lower, upper = np.append(lower, theta[0]), np.append(upper, theta[1])
     return NonlinearProgram(
-        space=space,
-        unknowns=unknowns,
-        layout=layout,
-        lower=every([linear.x_lower], "lower"),
-        upper=every([linear.x_upper], "upper"),
-        row_lower=every([linear.lower, layout.torque.lower], "row_lower"),
-        row_upper=every([linear.upper, layout.torque.upper], "row_upper"),
-        jacobian_pattern=patterns[0],
-        hessian_pattern=patterns[1],
-        evaluator=evaluator,
-        extras=tuple(extras),
+        space, unknowns, layout, lower, upper, row_lower, row_upper, *patterns, evaluator, tuple(extras), free
     )
+
+
+def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageCosts | None, list[CostTerm]]:
+    """The problem's cost terms as: weights of τ² (nv,) and of (q², q̇², q̈²) (3 nv,); what is more than squares of these, or None;
+    and those of the jerk."""
+    nv = problem.robot.nv
+    torque, state, general, jerks = np.zeros(nv), np.zeros((3, nv)), [], []
+    for term in problem.cost_terms:
+        if term.uses == ("jerk",):
+            jerks.append(term)
+        elif isinstance(term, SquaredTerm):
+            place = torque if term.uses == ("tau",) else state["qva".index(term.uses[0])]
+            place += term.weight * np.broadcast_to(term.weights, nv)
+        else:
+            general.append(term)
+    if not general:
+        return (torque, state.ravel()), None, jerks
+    kept = tuple(term for term in problem.cost_terms if term not in jerks)
+    return (torque, state.ravel()), StageCosts(kept), jerks

@@ -1,0 +1,181 @@
+"""The duration as an unknown: T = T₀ e^θ, θ the last unknown of the program, with exact first and second derivatives.
+
+A motion space over [0, T₀] describes the path in s = t/T; on a motion e^θ times as long derivatives of order o are e^{−oθ} of what
+the space says, and quadrature weights e^θ. What the boundary states fix, offsets of the coefficients, has parts from position,
+velocity and acceleration that grow with e^{pθ}, p = 0, 1, 2, so that velocities at the ends stay what was asked.
+So the derivative of order o of a sample is
+
+    z_o = e^{−oθ} B_o x + Σ_p e^{(p−o)θ} B_o part_p,      ∂z_o/∂θ = ż_o,   ∂²z_o/∂θ² = z̈_o,   ∂²z_o/∂θ∂x = −o ∂z_o/∂x,
+
+and with g_k, H_k gradient and Hessian of a sample's share in the Lagrangian, of which σℓ_k has the weight e^θ and torque rates
+the factor e^{−θ}, the Hessian has the border ∂²L/∂θ∂x = Bᵀ(Hż − o g + σ∇ℓ − ∇rates) and the corner written in `hessian`.
+Rows are kept as e^{−oθ}(…) between their limits. The rest of the program does not know of it: its arrays are rewritten.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energyopt.parameterizations.space import BoundaryState, MotionSpace
+from energyopt.transcription.evaluators import Evaluator
+from energyopt.transcription.extras import ExtraRows
+
+ORDERS = np.arange(3)
+
+
+def offset_parts(space: MotionSpace, start: BoundaryState, goal: BoundaryState) -> np.ndarray:
+    """Offsets of the coefficients by what they come from: position, velocity, acceleration at the ends, (3, size, nv)."""
+    nothing = np.zeros_like(start.velocity)
+
+    def only(state: BoundaryState, kind: int) -> BoundaryState:
+        position = state.position if kind == 0 or state.position is None else nothing
+        return BoundaryState(position, *(value if kind == k else nothing for k, value in ((1, state.velocity), (2, state.acceleration))))
+
+    return np.array([space.unknowns(only(start, kind), only(goal, kind)).offset for kind in range(3)])
+
+
+class StretchedEvaluator:
+    """The evaluator of a program with θ behind its unknowns.
+
+    ``base`` evaluates the layout, ``inner`` the program without θ (``base``, or what extends it), ``parts`` are `offset_parts`.
+    """
+
+    def __init__(self, base: Evaluator, inner, extras: list[ExtraRows], sizes: tuple[int, int], patterns: tuple, parts: np.ndarray):
+        """``sizes``: unknowns and rows without θ; ``patterns``: their Jacobian's and Hessian's."""
+        self._base, self._inner, self._extras, self._parts = base, inner, extras, parts
+        self._n, self._m = sizes
+        self._own = len(base.layout.linear.lower), base.layout.rows
+        (jac_start, jac_row), (hess_start, hess_row) = patterns
+        self.jacobian_pattern = np.append(jac_start, jac_start[-1] + self._m), np.append(jac_row, np.arange(self._m))
+        self.hessian_pattern = np.append(hess_start, hess_start[-1] + self._n + 1), np.append(hess_row, np.arange(self._n + 1))
+        P = base.layout
+        self._numbers = {name: base.arrays[name].copy() for name in ("basis", "weight", "row_value", "entry_scale")}
+        self._still = not np.any(parts[1:])
+        self._row_parts = P.linear.parts
+        self._ends = np.einsum("kol,pkli->pkoi", P.basis, parts[:, P.column])
+        self._slope = np.zeros(0)
+
+    def move(self, x):
+        self._x, self._theta = x, float(x[-1])
+        self._stretch(self._theta)
+        for extra in self._extras:
+            extra.stretch(self._theta)
+        self._inner.move(x[:-1])
+        A, P, nv = self._base.arrays, self._base.layout, self._base.layout.nv
+        z = A["state"].reshape(-1, 3, nv)
+        if self._still:
+            self._speed = -ORDERS[:, None] * z
+            self._change = ORDERS[:, None] ** 2 * z
+        else:
+            powers = np.arange(3)[:, None] - ORDERS  # p − o
+            ends = np.exp(powers * self._theta)[:, None, :, None] * self._ends
+            own = z - ends.sum(axis=0)
+            self._speed = -ORDERS[:, None] * own + np.einsum("po,pkoi->koi", powers, ends)
+            self._change = ORDERS[:, None] ** 2 * own + np.einsum("po,pkoi->koi", powers**2, ends)
+        self._speed, self._change = (d.reshape(len(P.weight), -1) for d in (self._speed, self._change))
+
+    def objective(self):
+        return self._inner.objective()
+
+    def constraints(self, x, out):
+        self._inner.constraints(x[:-1], out)
+
+    def gradient(self, out):
+        self._inner.gradient(out[:-1])
+        base = self._base
+        out[-1] = base.objective() + float(np.vdot(base.sample_gradient(), self._speed))
+        out[-1] += sum(extra.in_theta(self._x[:-1], 1.0, np.zeros(len(extra.row_lower))).slope for extra in self._extras)
+
+    def jacobian(self, out):
+        first = len(out) - self._m
+        self._inner.jacobian(out[:first])
+        column, (linear, own) = out[first:], self._own
+        column[:linear] = self._linear_slopes()[0]
+        column[linear:own] = self._torque_slopes()
+        for rows, extra in self._extra_rows():
+            column[rows] = extra.in_theta(self._x[:-1], 0.0, np.zeros(rows.stop - rows.start)).rows
+
+    def hessian(self, sigma, multipliers, out):
+        base, n = self._base, self._n
+        first = len(out) - n - 1
+        base.direction = self._speed
+        self._inner.hessian(sigma, multipliers[: self._m], out[:first])
+        linear, own = self._own
+        objective = sigma * base.sample_gradient()
+        rows, rates = self._row_gradients(multipliers[:own])
+        crossed, z = out[first:], (len(objective), 3, -1)
+        crossed[:] = 0.0
+        y = base.turned + objective + rates - np.repeat(ORDERS, base.layout.nv) * (objective + rows)
+        self._gather(y.reshape(z), crossed)
+        bend = np.vdot(self._speed, base.turned) + np.vdot(objective + rows, self._change)
+        bend += 2.0 * np.vdot(objective + rates, self._speed) + sigma * base.objective()
+        bend += self._rate_bend(multipliers[:own]) + multipliers[:linear] @ self._linear_slopes()[1]
+        P, lambdas = base.layout.linear, multipliers[:linear]
+        crossed[:n] += np.bincount(P.column, (-P.order * lambdas)[P.row] * base.arrays["row_value"], minlength=n)
+        for rows_of, extra in self._extra_rows():
+            terms = extra.in_theta(self._x[:-1], sigma, multipliers[rows_of])
+            crossed[: len(terms.crossed)] += terms.crossed
+            bend += terms.bent
+        crossed[n] = bend
+
+    def _stretch(self, theta: float) -> None:
+        """Rewrite the arrays of the base program."""
+        A, P, N = self._base.arrays, self._base.layout, self._numbers
+        powers = np.exp(-theta * np.arange(4))
+        A["basis"][:] = N["basis"] * powers[:3, None]
+        A["weight"][:] = N["weight"] / powers[1]
+        A["row_value"][:] = N["row_value"] * powers[P.linear.order][P.linear.row]
+        A["entry_scale"][:] = np.where(P.torque.rate, powers[1], 1.0) * N["entry_scale"]
+        A["jac_constant"][P.jac_linear] = A["row_value"]
+        grown = np.exp(theta * np.arange(3))
+        if not self._still:
+            A["offset"][:] = np.einsum("p,pji->ji", grown, self._parts)
+        A["row_offset"][:] = powers[P.linear.order] * (grown @ self._row_parts)
+
+    def _linear_slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivative of the linear rows in θ."""
+        P, A = self._base.layout.linear, self._base.arrays
+        own = np.bincount(P.row, A["row_value"] * self._x[P.column], minlength=len(P.lower))
+        powers = np.arange(3)[:, None] - P.order  # p − o
+        ends = np.exp(powers * self._theta) * self._row_parts
+        return -P.order * own + (powers * ends).sum(axis=0), P.order**2 * own + (powers**2 * ends).sum(axis=0)
+
+    def _torque_slopes(self) -> np.ndarray:
+        base, T = self._base, self._base.layout.torque
+        if not len(T.row):
+            return np.zeros(0)
+        J = base.kernels.jacobian(base.state[base.layout.demand])[1]
+        rise = np.einsum("ea,ea->e", J[base.layout.entry_demand, T.joint], self._speed[T.sample])
+        rise = base.arrays["entry_scale"] * (rise - T.rate * base.torque[T.sample, T.joint])
+        return np.bincount(T.row, rise, minlength=len(T.lower))
+
+    def _row_gradients(self, multipliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative of μᵀτ in each sample's state, and of its derivative in the factor of the rates, both (N, 3 nv)."""
+        base, T = self._base, self._base.layout.torque
+        if not len(T.row):
+            return (np.zeros_like(base.state),) * 2
+        entries, nothing = base.row_multipliers(multipliers), np.zeros_like(base.torque)
+        rows = base.kernels.adjoint(base.state, nothing, base.at_samples(entries))[1]
+        if not T.rate.any():
+            return rows, np.zeros_like(rows)
+        return rows, base.kernels.adjoint(base.state, nothing, base.at_samples(-T.rate * entries))[1]
+
+    def _rate_bend(self, multipliers: np.ndarray) -> float:
+        base, T = self._base, self._base.layout.torque
+        return float((T.rate * base.row_multipliers(multipliers)) @ base.torque[T.sample, T.joint])
+
+    def _gather(self, y: np.ndarray, out: np.ndarray) -> None:
+        """Add Bᵀ y of all samples, y (N, 3, nv)."""
+        P = self._base.layout
+        local = np.einsum("kol,koi->kli", self._base.arrays["basis"], y).reshape(-1, P.nv)
+        block = P.unknowns.block[P.column].ravel()
+        known = block >= 0
+        place = (block[known, None] * P.nv + np.arange(P.nv)).ravel()
+        out[: P.size] += np.bincount(place, local[known].ravel(), minlength=P.size)
+
+    def _extra_rows(self):
+        """The rows of each extra, and the extra."""
+        first = self._own[1]
+        for extra in self._extras:
+            yield slice(first, first + len(extra.row_lower)), extra
+            first += len(extra.row_lower)
