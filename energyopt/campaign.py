@@ -28,7 +28,7 @@ from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
 from energyopt.refinement import bisected, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
-from energyopt.seeds import goals, guesses
+from energyopt.seeds import first_duration, goals, guesses
 from energyopt.solvers import Outcome
 from energyopt.transcription.clearance import overlap
 from energyopt.verification import is_valid, verify
@@ -83,6 +83,7 @@ class Campaign:
     missed: list[str] = field(default_factory=list)
     path_search: str = "auto"
     spent: Spent = field(default_factory=Spent)
+    durations: tuple[float, float] | None = None
     _verdict: tuple[Trajectory, Violations] | None = None
     avoidance: Avoidance | None = None
     searches: list[Search] = field(default_factory=list)
@@ -92,6 +93,8 @@ class Campaign:
         """The best search, refined."""
         began = time.perf_counter()
         targets = self._targets()
+        if self.durations is not None:
+            self.problem = self.problem.lasting(first_duration(self.problem, self.durations, targets[0], self.kernels))
         self.avoidance = avoidance_of(self.problem)
         self.guess_s = time.perf_counter() - began
         source = self._timed(self._attempts(targets))
@@ -189,7 +192,7 @@ class Campaign:
         """The first level from a guess; ``unaware`` of obstacles, or with a penalty that keeps a free guess where it is."""
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
-        search = Search(*start, spent=self.spent)
+        search = Search(*start, durations=self.durations, spent=self.spent)
         if avoidance is not None and avoidance.scene.obstacles and not unaware:
             search.stiffness = FIRM if attempt.free else 1
         self.current = search
@@ -216,7 +219,7 @@ class Campaign:
         def calls() -> Iterator[tuple]:
             for k, attempt in enumerate(attempts):
                 sent[k] = attempt
-                yield self.problem, self.parameterization, attempt, self.options.iterations, self.options.deadline
+                yield self.problem, self.durations, self.parameterization, attempt, self.options.iterations, self.options.deadline
 
         for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, stop):
             attempt = sent.pop(k)
@@ -235,7 +238,8 @@ class Campaign:
     def _received(self, answer: Search, attempt: Attempt) -> Search:
         """A search from another process, with what was not sent."""
         self.spent.add(answer.spent)
-        own = {"problem": self.problem, "kernels": self.kernels, "options": self.options, "spent": self.spent}
+        problem = self.problem if self.durations is None else self.problem.lasting(answer.trajectory.duration)
+        own = {"problem": problem, "kernels": self.kernels, "options": self.options, "spent": self.spent}
         return replace(answer, **own, avoidance=self._relaxed(attempt))
 
     def _relaxed(self, attempt: Attempt) -> Avoidance | None:
@@ -281,7 +285,7 @@ class Campaign:
         """The dense check of a search's motion, done once a motion."""
         if self._verdict is None or self._verdict[0] is not search.trajectory:
             began = time.perf_counter()
-            self._verdict = (search.trajectory, verify(self.problem, search.trajectory))
+            self._verdict = (search.trajectory, verify(search.problem, search.trajectory))
             self.verify_s += time.perf_counter() - began
         return self._verdict[1]
 
@@ -335,11 +339,17 @@ class Campaign:
 
 
 def search_once(
-    problem: Problem, parameterization: Parameterization, attempt: Attempt, iterations: int, deadline: float | None
+    problem: Problem,
+    durations: tuple[float, float] | None,
+    parameterization: Parameterization,
+    attempt: Attempt,
+    iterations: int,
+    deadline: float | None,
 ) -> Search:
     """The first level from one guess, in a process of its own: without what cannot be sent, or the caller has."""
     options = SearchOptions(iterations, deadline=deadline)
-    campaign = Campaign(problem, parameterization, kernels_of(problem.robot.dynamics), options, seed=0)
+    kernels = kernels_of(problem.robot.dynamics)
+    campaign = Campaign(problem, parameterization, kernels, options, seed=0, durations=durations)
     campaign.avoidance = avoidance_of(problem)
     search = campaign._searched(campaign._space(), attempt)
     return replace(search, problem=None, kernels=None, options=None, avoidance=None)

@@ -80,16 +80,19 @@ def plan(
     given = {"starts": starts, "seed": seed, "time_limit": time_limit, "iterations": iterations,
              "path_search": path_search}  # fmt: skip
     check_planning(problem, parameterization, given | {"verbose": verbose, "throw": throw})
+    durations = problem.durations if problem.free_duration else None
+    problem = problem.lasting(problem.durations[1])
     check_feasibility(problem)
     started = time.perf_counter()
     kernels = kernels_of(problem.robot.dynamics)
     loaded = time.perf_counter() - started
     deadline = None if time_limit is None else time.monotonic() + time_limit
+    given |= {"durations": durations} if durations else {}
     settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
                 "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
-        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search)
+        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search, durations=durations)
         try:
             search = campaign.run(starts)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
@@ -109,15 +112,15 @@ def plan(
 
 def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
     stopped = search.outcome is Outcome.INTERRUPTED
-    violations = verify(campaign.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
-    terms = cost(campaign.problem, search.trajectory)
+    violations = verify(search.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
+    terms = cost(search.problem, search.trajectory)
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
         unseen = "; contact not looked for" if stopped and campaign.avoidance is not None else ""
         message = f"{message} ({describe(violations)}{unseen}; {_tried(campaign.tried, campaign.missed)})"
     return Plan(
-        problem=campaign.problem,
+        problem=search.problem,
         status=status,
         message=message,
         trajectory=search.trajectory,

@@ -1,6 +1,6 @@
 """Problem: what is asked of the planner, validated when made, and immutable.
 
-minimise ∫₀ᵀ ( Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² ) dt   over all motions q(t), 0 ≤ t ≤ T, with
+minimise ∫₀ᵀ ( Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² ) dt, or other cost terms,   over all motions q(t), 0 ≤ t ≤ T, T given or free, with
 q(0), q̇(0), q̈(0) given;  q(T) given or the tool in a given pose;  q̇(T), q̈(T) given;  waypoints passed;
 position, velocity, acceleration, jerk, torque and torque rate inside their limits.
 """
@@ -8,13 +8,14 @@ position, velocity, acceleration, jerk, torque and torque rate inside their limi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from energyopt import problem_values as values
+from energyopt.costs import CostTerm, TorqueSquared, VelocitySquared, checked_costs
 from energyopt.errors import ProblemError
 from energyopt.geometry.bodies import Attached
 from energyopt.geometry.names import require_frames, require_own_names
@@ -23,6 +24,8 @@ from energyopt.geometry.shapes import Box, HalfSpace, Shape
 from energyopt.geometry.workspace import Workspace
 from energyopt.robots.model import Limits, RobotModel
 
+VELOCITY_WEIGHT = 0.1
+"""λ where none is given."""
 MOST_CLEARANCE = 10.0
 _CLEARANCE = f"metres, 0 to {MOST_CLEARANCE:g}"
 
@@ -74,9 +77,10 @@ class Problem:
         robot: the arm.
         start: joint positions at t = 0 [rad].
         goal: joint positions at t = T [rad], or a `FramePose`.
-        duration: T [s].
+        duration: T [s], or (least, most) where the optimiser is to choose it.
         velocity_weight: λ, one number or one a joint [N²·m²·s²/rad²].
         torque_weights: w, dimensionless.
+        costs: cost terms (see `energyopt.costs`) in place of these two.
         waypoints: configurations to pass through: `Waypoint`, an array, or a pair (array, time).
         start_velocity, goal_velocity: [rad/s]; start_acceleration, goal_acceleration: [rad/s²]; zero by default.
         position_limits: (lower, upper) [rad]; velocity_limits [rad/s]; acceleration_limits [rad/s²];
@@ -97,8 +101,8 @@ class Problem:
     robot: RobotModel
     start: ArrayLike
     goal: ArrayLike | FramePose
-    duration: float
-    velocity_weight: ArrayLike = 0.1
+    duration: float | tuple[float, float]
+    velocity_weight: ArrayLike = VELOCITY_WEIGHT
     torque_weights: ArrayLike = 1.0
     waypoints: Sequence = ()
     start_velocity: ArrayLike = 0.0
@@ -119,6 +123,7 @@ class Problem:
     attached: Sequence[Attached] = ()
     name: str = ""
     origin: Callable[[str], tuple[str, str]] | None = field(default=None, repr=False)
+    costs: Sequence[CostTerm] | CostTerm | None = None
 
     def __post_init__(self):
         if not isinstance(self.robot, RobotModel):
@@ -135,10 +140,14 @@ class Problem:
             put(key, values.vector(key, getattr(self, key), joints))
         for key in ("velocity_weight", "torque_weights"):
             put(key, values.non_negative(key, getattr(self, key), joints))
-        if not (np.any(self.torque_weights > 0) or np.any(self.velocity_weight > 0)):
+        if self.costs is not None:
+            put("costs", self._checked_costs())
+        elif not (np.any(self.torque_weights > 0) or np.any(self.velocity_weight > 0)):
             raise ProblemError("torque_weights and velocity_weight are all zero: every motion costs nothing; make one positive")
         values.text("name", self.name, "a name for reports")
-        put("waypoints", values.waypoints(self.waypoints, joints, self.duration, Waypoint))
+        put("waypoints", values.waypoints(self.waypoints, joints, self.durations[1], Waypoint))
+        if self.free_duration and any(w.time is not None for w in self.waypoints):
+            raise ProblemError("a waypoint has a time, and the duration is free: leave its time out, or give one duration")
         _ = self.limits
         put("obstacles", values.instances("obstacles", self.obstacles, Shape, "shapes such as energyopt.Box(size, pose)"))
         put("attached", values.instances("attached", self.attached, Attached, "energyopt.Attached(shape, frame)"))
@@ -164,6 +173,35 @@ class Problem:
             value = getattr(self, f"{kind}_limits")
             own[kind] = getattr(robot, kind) if value is None else values.positive(f"{kind}_limits", value, joints)
         return Limits(lower=lower, upper=upper, **own)
+
+    @property
+    def durations(self) -> tuple[float, float]:
+        """The least and the most T may be [s]; the same where it is given."""
+        return self.duration if self.free_duration else (self.duration, self.duration)
+
+    @property
+    def free_duration(self) -> bool:
+        """Whether T is to be chosen."""
+        return isinstance(self.duration, tuple)
+
+    def lasting(self, duration: float) -> Problem:
+        """The same problem with a given T [s]."""
+        return self if duration == self.duration else replace(self, duration=duration)
+
+    @cached_property
+    def cost_terms(self) -> tuple[CostTerm, ...]:
+        """The terms of J, but for the potential."""
+        if self.costs is not None:
+            return self.costs
+        return TorqueSquared(weights=self.torque_weights), VelocitySquared(weights=self.velocity_weight)
+
+    def _checked_costs(self) -> tuple[CostTerm, ...]:
+        if np.any(self.torque_weights != 1.0) or np.any(self.velocity_weight != VELOCITY_WEIGHT):
+            raise ProblemError(
+                "costs is given, and so are torque_weights or velocity_weight: expected one or the other; "
+                "TorqueSquared(weights=…) and VelocitySquared(weights=…) are cost terms"
+            )
+        return checked_costs(self.costs, self.robot)
 
     @property
     def goal_position(self) -> np.ndarray | None:

@@ -136,10 +136,17 @@ def interval(key: str, value: tuple[ArrayLike, ArrayLike], joints: Sequence[str]
     return lower, upper
 
 
-def duration(value: float) -> float:
-    """T [s], one number inside `DURATION_RANGE`."""
+def duration(value: float | tuple[float, float]) -> float | tuple[float, float]:
+    """T [s], one number inside `DURATION_RANGE`, or two, the first below the second."""
     low, high = DURATION_RANGE
-    return real("duration", value, lambda t: low <= t <= high, f"one number of seconds, {low:g} to {high:g}")
+    expected = f"one number of seconds, {low:g} to {high:g}, or two, (least, most)"
+    inside = lambda key, t: real(key, t, lambda t: low <= t <= high, expected)
+    if isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
+        least, most = (inside("duration", t) for t in np.asarray(value, dtype=object))
+        if not least < most:
+            raise ProblemError(f"duration is ({least:g}, {most:g}): expected the least below the most; give one number to fix it")
+        return least, most
+    return inside("duration", value)
 
 
 def rotation(value: ArrayLike) -> np.ndarray:

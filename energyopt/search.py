@@ -105,6 +105,7 @@ class Search:
         depth: overlap of spheres, beyond what is allowed, that it left [m]; hard: whether rows have taken its place.
         gain: by how much the last refinement lowered J.
         promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
+        durations: bounds of the duration [s], where it is free; `problem` is then the problem at the duration reached.
         spent: shared with other searches of the same plan, and with copies.
     """
 
@@ -126,6 +127,7 @@ class Search:
     stiffness: int = 0
     depth: float = 0.0
     hard: bool = False
+    durations: tuple[float, float] | None = None
     spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
@@ -220,9 +222,16 @@ class Search:
             if result.outcome is Outcome.FAILED:
                 return
             self.trajectory, self.objective = program.trajectory(result.x), result.objective
+            if program.stretches:
+                self._last(self.trajectory.duration)
             if not self.converged or not self._add_rows():
                 return
             barrier = WARM_BARRIER
+
+    def _last(self, duration: float) -> None:
+        """Go on from another duration."""
+        self.cuts = self.cuts.stretched(duration / self.space.duration)
+        self.space, self.problem = self.space.stretched(duration), self.problem.lasting(duration)
 
     def _add_rows(self) -> bool:
         """Add rows where the motion breaks a limit or comes too close; False where it does not."""
@@ -272,7 +281,7 @@ class Search:
 
     def _transcribe(self) -> NonlinearProgram:
         started = time.perf_counter()
-        program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms)
+        program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms, self.durations)
         if not self.levels and self.rounds == 1:
             self.spent.build_s += time.perf_counter() - started
         return program

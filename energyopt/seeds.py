@@ -8,12 +8,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from energyopt.baselines import baseline
+from energyopt.costs import Samples
+from energyopt.dynamics.kernels import Kernels
 from energyopt.inverse_kinematics import goal_configurations
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 from energyopt.problem import FramePose, Problem
 
 SPREAD = 0.25
 """Standard deviation of a random via point, as a share of each joint's range (2π at most)."""
+
+CANDIDATES, SAMPLES, STEEP = 40, 30, 6
+"""Durations that are compared, samples of the motion, and the power by which one that breaks a limit is dearer."""
 
 
 def goals(problem: Problem, seed: int) -> list[np.ndarray]:
@@ -31,6 +36,26 @@ def guesses(problem: Problem, targets: list[np.ndarray], seed: int) -> Iterator[
     while True:
         yield _bent(problem, targets[k % len(targets)], np.random.default_rng([seed, k]))
         k += 1
+
+
+def first_duration(problem: Problem, durations: tuple[float, float], goal: np.ndarray, kernels: Kernels) -> float:
+    """Where to start from if T is free [s]: the cheapest duration of the straight quintic that keeps to the limits, about.
+
+    On a motion run through e^θ times as fast derivatives of order o are e^{oθ} times as large.
+    """
+    least, most = durations
+    motion = baseline(problem.lasting(most), "quintic", goal=goal)
+    t, weights = motion.quadrature(SAMPLES)
+    q, v, a = (motion(t, order) for order in range(3))
+    candidates = np.geomspace(least, most, CANDIDATES)
+    price = []
+    for speed in most / candidates:
+        tau = kernels.torque(np.concatenate([q, speed * v, speed**2 * a], axis=1))
+        samples = Samples(q, speed * v, speed**2 * a, np.zeros_like(a), tau)
+        value = sum(term.weight * weights @ term.integrand(samples).value for term in problem.cost_terms) / speed
+        used = max(np.max(speed * np.abs(v) / problem.limits.velocity), np.max(speed**2 * np.abs(a) / problem.limits.acceleration))
+        price.append(value * max(1.0, used) ** STEEP)
+    return float(candidates[int(np.argmin(price))])
 
 
 def _bent(problem: Problem, goal: np.ndarray, rng: np.random.Generator) -> Trajectory:

@@ -3,7 +3,8 @@
 A motion is valid if it starts, ends and passes where the problem says, has the asked duration, does not jump,
 holds every limit (see `limit_checks` for how each is judged, and where: for all t, or at dense samples), and keeps the
 clearance from everything at all times (see `clearance`).
-The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² + U) dt by six-point Gauss quadrature on every span, U being the potential.
+The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² + U) dt, or that of other cost terms, by six-point Gauss quadrature on every span, U being
+the potential.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import pinocchio as pin
 
 from energyopt.avoidance import avoidance_of
 from energyopt.clearance_checks import clearance_of
+from energyopt.costs import Samples as CostSamples
 from energyopt.limit_checks import Finding, kinematic_findings, torque_findings
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
@@ -158,16 +160,15 @@ def cost(problem: Problem, trajectory: Trajectory, per_span: int = 6) -> dict[st
         per_span: Gauss nodes a span.
 
     Returns:
-        ``torque_squared`` ∫Σwτ² and ``velocity_squared`` ∫Σλq̇², weighted as in J, and where there is one the
+        by name of the cost term, such as ``torque_squared`` ∫Σwτ² and ``velocity_squared`` ∫Σλq̇², and where there is one the
         ``potential`` ∫U.
     """
-    if np.any(problem.robot.dynamics.coulomb_friction):
+    if np.any(problem.robot.dynamics.coulomb_friction) or problem.costs is not None:
         per_span = max(per_span, COULOMB_NODES)
-    torque, velocity = _square_integrals(problem, trajectory, per_span)
-    terms = {
-        "torque_squared": float(problem.torque_weights @ torque),
-        "velocity_squared": float(problem.velocity_weight @ velocity),
-    }
+    t, weights = gauss_grid(trajectory, per_span)
+    q, v, a, jerk = (trajectory(t, order) for order in range(4))
+    samples = CostSamples(q, v, a, jerk, problem.robot.torque(q, v, a))
+    terms = {term.name: term.weight * float(weights @ term.integrand(samples).value) for term in problem.cost_terms}
     if problem.potential is not None and (spheres := avoidance_of(problem)) is not None:
         t, weights = gauss_grid(trajectory, max(per_span, POTENTIAL_NODES))
         terms["potential"] = float(weights @ spheres.potential_energy(t, trajectory(t)))

@@ -250,7 +250,8 @@ class JerkCost(_Priceless):
 
     def hessian_pattern(self):
         joints = np.arange(self._nv)
-        return ((blocks[:, None] * self._nv + joints).ravel() for blocks in (self._first, self._second))
+        rows, columns = ((blocks[:, None] * self._nv + joints).ravel() for blocks in (self._first, self._second))
+        return rows, columns
 
     def stretch(self, theta):
         self._theta = theta

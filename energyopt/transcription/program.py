@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.costs import CostTerm, SquaredTerm
+from energyopt.costs import CostTerm
+from energyopt.costs.cost import SquaredTerm
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
@@ -86,8 +87,9 @@ class NonlinearProgram:
         known = self.unknowns.block >= 0
         x = np.zeros((self.unknowns.count, self.layout.nv))
         x[self.unknowns.block[known]] = wanted[known]
-        more = [extra.guess(self.unknowns.offset + np.append(x, np.zeros((1, x.shape[1])), 0)[self.unknowns.block]) for extra in self.extras]
-        return np.clip(np.concatenate([x.ravel(), *more, np.zeros(self.stretches)]), self.lower, self.upper)
+        coefficients = self.unknowns.offset + np.append(x, np.zeros((1, x.shape[1])), axis=0)[self.unknowns.block]
+        more = [extra.guess(coefficients) for extra in self.extras]
+        return np.clip(np.concatenate([x.ravel(), *more, np.zeros(int(self.stretches))]), self.lower, self.upper)
 
 
 def boundary_states(problem: Problem) -> tuple[BoundaryState, BoundaryState]:

@@ -158,7 +158,7 @@ class StretchedEvaluator:
         rows = base.kernels.adjoint(base.state, nothing, base.at_samples(entries))[1]
         if not T.rate.any():
             return rows, np.zeros_like(rows)
-        return rows, base.kernels.adjoint(base.state, nothing, base.at_samples(-T.rate * entries))[1]
+        return rows, base.kernels.adjoint(base.state, nothing, base.at_samples(-(T.rate * entries)))[1]
 
     def _rate_bend(self, multipliers: np.ndarray) -> float:
         base, T = self._base, self._base.layout.torque

@@ -1,0 +1,72 @@
+"""Programs with a free duration and general cost terms: every derivative against finite differences."""
+
+import numpy as np
+import pytest
+
+import arms
+import energyopt as eo
+from energyopt.baselines import baseline
+from energyopt.costs import AccelerationSquared, JerkSquared, TorqueSquared, VelocitySquared
+from energyopt.dynamics.kernels import kernels_of
+from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.transcription import Cuts, transcribe
+
+STEP, TOLERANCE = 1e-6, 2e-6  # central differences, relative to the largest entry
+
+
+def make_problem(arm, **more):
+    n = arm.nv
+    given = {
+        "start": np.linspace(-0.4, 0.3, n), "goal": np.linspace(0.5, -0.6, n), "duration": (0.7, 3.0),
+        "start_velocity": np.linspace(0.2, -0.1, n), "goal_acceleration": np.linspace(-0.5, 0.4, n),
+        "velocity_limits": 2.0, "acceleration_limits": 9.0, "jerk_limits": 200.0, "torque_limits": 60.0, "torque_rate_limits": 500.0,
+    }  # fmt: skip
+    return eo.Problem(arm, **(given | more))
+
+
+def cuts():
+    return Cuts(torque={(0.31, 0), (0.5, 1)}, rates={(0.7, 0.701, 0), (0.2, 0.2003, 1)}, samples={(1, 0.4, 0)})
+
+
+def derivatives(program, x, sigma, multipliers):
+    """Objective, rows, gradient, dense Jacobian and Hessian of the Lagrangian."""
+    n, m, e = program.size, program.rows, program.evaluator
+    e.move(x)
+    gradient, rows = np.empty(n), np.empty(m)
+    e.gradient(gradient)
+    e.constraints(x, rows)
+    J, H = np.zeros((m, n)), np.zeros((n, n))
+    for dense, (start, row), call in ((J, program.jacobian_pattern, e.jacobian), (H, program.hessian_pattern, None)):
+        values, column = np.empty(len(row)), np.repeat(np.arange(n), np.diff(start))
+        call(values) if call else e.hessian(sigma, multipliers, values)
+        dense[row, column] = values
+    return e.objective(), rows, gradient, J, H + np.triu(H, 1).T
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("costs", ["squares", "jerk"])
+@pytest.mark.parametrize("space", [BSpline(control_points=12), HermiteSimpson(intervals=6), Sinusoid(3)], ids=lambda s: type(s).__name__)
+def test_derivatives_with_a_free_duration(space, costs, compiled):
+    two_link = arms.two_link()
+    terms = [TorqueSquared(weights=[1.0, 2.0]), 0.3 * VelocitySquared(), 0.1 * AccelerationSquared(), 1e-3 * JerkSquared()]
+    problem = make_problem(two_link, costs=None if costs == "squares" else terms).lasting(1.2)
+    kernels = kernels_of(two_link.dynamics, compiled)
+    program = transcribe(problem, space.space(1.2), kernels, cuts(), durations=(0.7, 3.0))
+    rng = np.random.default_rng(3)
+    x = program.guess(baseline(problem, "quintic"))
+    x = x + 0.1 * rng.normal(size=program.size)
+    x[-1] = 0.23
+    multipliers = rng.normal(size=program.rows)
+    _, _, gradient, J, H = derivatives(program, x, 0.7, multipliers)
+    expected = [np.zeros(program.size), np.zeros_like(J), np.zeros_like(H)]
+    for k in range(program.size):
+        sides = []
+        for sign in (1, -1):
+            moved = x.copy()
+            moved[k] += sign * STEP
+            f, g, df, dg, _ = derivatives(program, moved, 0.7, multipliers)
+            sides.append((f, g, 0.7 * df + dg.T @ multipliers))
+        for wanted, plus, minus in zip(expected, *sides, strict=True):
+            wanted[..., k] = (plus - minus) / (2 * STEP)
+    for found, wanted in zip((gradient, J, H), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=TOLERANCE * np.abs(wanted).max())
