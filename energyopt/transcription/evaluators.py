@@ -29,7 +29,8 @@ class Evaluator:
         layout: of the program; kernels: of the arm; costs: what is integrated, None for the layout's squares.
         arrays: by name in `samples.c`, the numbers in use. They may be changed between calls (see `stretch`).
         direction: of each sample's state, (N, 3 nv), or None; turned: the Hessian of the sample's share in the Lagrangian
-            times it, after a call of `hessian`.
+            times it, after a call of `hessian`. After one of `gradient`, ``arrays["gradient"]`` is the derivative of the objective's
+        share of each sample in its state.
     """
 
     def __init__(self, layout: Layout, kernels: Kernels, costs: StageCosts | None):
@@ -52,18 +53,6 @@ class Evaluator:
     def self_contained(self) -> bool:
         """Whether the compiled library alone gives every number."""
         return False
-
-    def sample_gradient(self) -> np.ndarray:
-        """Derivative of the objective's share of each sample in its state, (N, 3 nv)."""
-        A, nv = self.arrays, self.layout.nv
-        first = self._first()
-        if first is None:
-            power = 2.0 * A["weight"][:, None] * A["torque_weight"]
-            g = self.kernels.adjoint(self.state, power, np.zeros_like(self.torque))[1]
-            return g + 2.0 * A["weight"][:, None] * A["state_weight"] * self.state
-        g = self.kernels.adjoint(self.state, np.zeros_like(self.torque), first[:, :nv])[1]
-        g[:, nv:] += first[:, nv:]
-        return g
 
     def row_multipliers(self, multipliers: np.ndarray) -> np.ndarray:
         """Multipliers of the torque rows, gathered at the samples they speak of, (entries,)."""
@@ -104,7 +93,8 @@ class NumpyEvaluator(Evaluator):
         out[first:] = np.bincount(P.torque.row, values, minlength=len(P.torque.lower))
 
     def gradient(self, out: np.ndarray) -> None:
-        P, g = self.layout, self.sample_gradient()
+        P, g = self.layout, self._sample_gradient()
+        self.arrays["gradient"][:] = g
         local = np.einsum("kol,koi->kli", self.arrays["basis"], g.reshape(len(g), 3, P.nv))
         total = np.zeros((P.unknowns.count + 1, P.nv))
         np.add.at(total, P.unknowns.block[P.column], local)
@@ -128,6 +118,18 @@ class NumpyEvaluator(Evaluator):
         nv = self.layout.nv
         local = np.einsum("kol,koipj,kpm->klmij", basis, H.reshape(-1, 3, nv, 3, nv), basis, optimize=True)
         out[:] = np.bincount(self._targets.ravel(), local.ravel(), minlength=len(out) + 1)[:-1]
+
+    def _sample_gradient(self) -> np.ndarray:
+        """Derivative of the objective's share of each sample in its state, (N, 3 nv)."""
+        A, nv = self.arrays, self.layout.nv
+        first = self._first()
+        if first is None:
+            power = 2.0 * A["weight"][:, None] * A["torque_weight"]
+            g = self.kernels.adjoint(self.state, power, np.zeros_like(self.torque))[1]
+            return g + 2.0 * A["weight"][:, None] * A["state_weight"] * self.state
+        g = self.kernels.adjoint(self.state, np.zeros_like(self.torque), first[:, :nv])[1]
+        g[:, nv:] += first[:, nv:]
+        return g
 
     def _sample_hessians(self, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Of each sample's share in the Lagrangian, (N, 3 nv, 3 nv)."""
@@ -223,10 +225,6 @@ class CompiledEvaluator(Evaluator):
         if self.costs is not None:
             self._hand("cost_first", self._first())
         self._library.eo_program_gradient(self._pointer, _pointer(out))
-
-    def sample_gradient(self) -> np.ndarray:
-        self.gradient(np.empty(self.layout.size))
-        return self.arrays["gradient"].copy()
 
     def jacobian(self, out: np.ndarray) -> None:
         self._library.eo_program_jacobian(self._pointer, _pointer(out))

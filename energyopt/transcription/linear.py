@@ -7,6 +7,7 @@ row in x for each joint. A row that touches a single unknown is a bound on it; o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class LinearRows:
     order: np.ndarray
     parts: np.ndarray | None = None
 
-    @property
+    @cached_property
     def row(self) -> np.ndarray:
         """Row of each entry."""
         return np.repeat(np.arange(len(self.lower)), np.diff(self.start))

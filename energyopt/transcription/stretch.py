@@ -53,26 +53,14 @@ class StretchedEvaluator:
         self._still = not np.any(parts[1:])
         self._row_parts = P.linear.parts
         self._ends = np.einsum("kol,pkli->pkoi", P.basis, parts[:, P.column])
-        self._slope = np.zeros(0)
 
     def move(self, x):
         self._x, self._theta = x, float(x[-1])
+        self._rates = self._sampled = self._jacobian = self._slopes = None
         self._stretch(self._theta)
         for extra in self._extras:
             extra.stretch(self._theta)
         self._inner.move(x[:-1])
-        A, P, nv = self._base.arrays, self._base.layout, self._base.layout.nv
-        z = A["state"].reshape(-1, 3, nv)
-        if self._still:
-            self._speed = -ORDERS[:, None] * z
-            self._change = ORDERS[:, None] ** 2 * z
-        else:
-            powers = np.arange(3)[:, None] - ORDERS  # p − o
-            ends = np.exp(powers * self._theta)[:, None, :, None] * self._ends
-            own = z - ends.sum(axis=0)
-            self._speed = -ORDERS[:, None] * own + np.einsum("po,pkoi->koi", powers, ends)
-            self._change = ORDERS[:, None] ** 2 * own + np.einsum("po,pkoi->koi", powers**2, ends)
-        self._speed, self._change = (d.reshape(len(P.weight), -1) for d in (self._speed, self._change))
 
     def objective(self):
         return self._inner.objective()
@@ -83,7 +71,8 @@ class StretchedEvaluator:
     def gradient(self, out):
         self._inner.gradient(out[:-1])
         base = self._base
-        out[-1] = base.objective() + float(np.vdot(base.sample_gradient(), self._speed))
+        self._sampled = base.arrays["gradient"]
+        out[-1] = base.objective() + float(np.vdot(self._sampled, self._speed))
         out[-1] += sum(extra.in_theta(self._x[:-1], 1.0, np.zeros(len(extra.row_lower))).slope for extra in self._extras)
 
     def jacobian(self, out):
@@ -101,7 +90,10 @@ class StretchedEvaluator:
         base.direction = self._speed
         self._inner.hessian(sigma, multipliers[: self._m], out[:first])
         linear, own = self._own
-        objective = sigma * base.sample_gradient()
+        if self._sampled is None:
+            self._inner.gradient(np.empty(n))
+            self._sampled = base.arrays["gradient"]
+        objective = sigma * self._sampled
         rows, rates = self._row_gradients(multipliers[:own])
         crossed, z = out[first:], (len(objective), 3, -1)
         crossed[:] = 0.0
@@ -117,6 +109,38 @@ class StretchedEvaluator:
             crossed[: len(terms.crossed)] += terms.crossed
             bend += terms.bent
         crossed[n] = bend
+
+    @property
+    def _speed(self) -> np.ndarray:
+        """ż, (N, 3 nv)."""
+        return self._state_rates()[0]
+
+    @property
+    def _change(self) -> np.ndarray:
+        """z̈, (N, 3 nv)."""
+        return self._state_rates()[1]
+
+    def _state_rates(self) -> tuple[np.ndarray, np.ndarray]:
+        if self._rates is None:
+            z = self._base.state.reshape(-1, 3, self._base.layout.nv)
+            if self._still:
+                speed, change = -ORDERS[:, None] * z, ORDERS[:, None] ** 2 * z
+            else:
+                powers = np.arange(3)[:, None] - ORDERS  # p − o
+                ends = np.exp(powers * self._theta)[:, None, :, None] * self._ends
+                own = z - ends.sum(axis=0)
+                speed = -ORDERS[:, None] * own + np.einsum("po,pkoi->koi", powers, ends)
+                change = ORDERS[:, None] ** 2 * own + np.einsum("po,pkoi->koi", powers**2, ends)
+            self._rates = speed.reshape(len(z), -1), change.reshape(len(z), -1)
+        return self._rates
+
+    def _entry_jacobian(self) -> np.ndarray:
+        """∂τ/∂z of the sample and joint of each entry of the torque rows, (entries, 3 nv)."""
+        if self._jacobian is None:
+            base, P = self._base, self._base.layout
+            J = base.kernels.jacobian(base.state[P.demand])[1]
+            self._jacobian = base.arrays["entry_scale"][:, None] * J[P.entry_demand, P.torque.joint]
+        return self._jacobian
 
     def _stretch(self, theta: float) -> None:
         """Rewrite the arrays of the base program."""
@@ -134,31 +158,32 @@ class StretchedEvaluator:
 
     def _linear_slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivative of the linear rows in θ."""
+        if self._slopes is not None:
+            return self._slopes
         P, A = self._base.layout.linear, self._base.arrays
         own = np.bincount(P.row, A["row_value"] * self._x[P.column], minlength=len(P.lower))
         powers = np.arange(3)[:, None] - P.order  # p − o
         ends = np.exp(powers * self._theta) * self._row_parts
-        return -P.order * own + (powers * ends).sum(axis=0), P.order**2 * own + (powers**2 * ends).sum(axis=0)
+        self._slopes = -P.order * own + (powers * ends).sum(axis=0), P.order**2 * own + (powers**2 * ends).sum(axis=0)
+        return self._slopes
 
     def _torque_slopes(self) -> np.ndarray:
         base, T = self._base, self._base.layout.torque
         if not len(T.row):
             return np.zeros(0)
-        J = base.kernels.jacobian(base.state[base.layout.demand])[1]
-        rise = np.einsum("ea,ea->e", J[base.layout.entry_demand, T.joint], self._speed[T.sample])
-        rise = base.arrays["entry_scale"] * (rise - T.rate * base.torque[T.sample, T.joint])
+        rise = np.einsum("ea,ea->e", self._entry_jacobian(), self._speed[T.sample])
+        rise -= base.arrays["entry_scale"] * T.rate * base.torque[T.sample, T.joint]
         return np.bincount(T.row, rise, minlength=len(T.lower))
 
     def _row_gradients(self, multipliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivative of μᵀτ in each sample's state, and of its derivative in the factor of the rates, both (N, 3 nv)."""
         base, T = self._base, self._base.layout.torque
-        if not len(T.row):
-            return (np.zeros_like(base.state),) * 2
-        entries, nothing = base.row_multipliers(multipliers), np.zeros_like(base.torque)
-        rows = base.kernels.adjoint(base.state, nothing, base.at_samples(entries))[1]
-        if not T.rate.any():
-            return rows, np.zeros_like(rows)
-        return rows, base.kernels.adjoint(base.state, nothing, base.at_samples(-(T.rate * entries)))[1]
+        rows, rates = np.zeros_like(base.state), np.zeros_like(base.state)
+        if len(T.row):
+            shares = multipliers[base.arrays["entry_row"]][:, None] * self._entry_jacobian()
+            np.add.at(rows, T.sample, shares)
+            np.subtract.at(rates, T.sample, T.rate[:, None] * shares)
+        return rows, rates
 
     def _rate_bend(self, multipliers: np.ndarray) -> float:
         base, T = self._base, self._base.layout.torque
