@@ -53,7 +53,9 @@ def first_duration(problem: Problem, durations: tuple[float, float], goal: np.nd
         tau = kernels.torque(np.concatenate([q, speed * v, speed**2 * a], axis=1))
         samples = Samples(q, speed * v, speed**2 * a, np.zeros_like(a), tau)
         value = sum(term.weight * weights @ term.integrand(samples).value for term in problem.cost_terms) / speed
-        used = max(np.max(speed * np.abs(v) / problem.limits.velocity), np.max(speed**2 * np.abs(a) / problem.limits.acceleration))
+        used = max(
+            np.max(speed * np.abs(v) / problem.limits.velocity), np.max(speed**2 * np.abs(a) / problem.limits.acceleration)
+        )
         price.append(value * max(1.0, used) ** STEEP)
     return float(candidates[int(np.argmin(price))])
 

@@ -3,8 +3,8 @@
 A motion is valid if it starts, ends and passes where the problem says, has the asked duration, does not jump,
 holds every limit (see `limit_checks` for how each is judged, and where: for all t, or at dense samples), and keeps the
 clearance from everything at all times (see `clearance`).
-The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² + U) dt, or that of other cost terms, by six-point Gauss quadrature on every span, U being
-the potential.
+The cost is J = ∫₀ᵀ (Σ wᵢ τᵢ² + Σ λᵢ q̇ᵢ² + U) dt, or that of other cost terms, by six-point Gauss quadrature on every span, U
+being the potential.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import energyopt as eo
+from energyopt.costs import TorqueSquared
 from energyopt.errors import ProblemError
 from energyopt.problem_values import configuration, numbers, real, seconds, shown, text, vector, whole
 
@@ -40,7 +41,10 @@ BAD_PROBLEMS = {
     "infinite goal": ({"goal": [0, np.inf]}, "goal[1] (joint 'joint2') is inf", "finite"),
     "no duration": ({"duration": None}, "duration is None", "seconds"),
     "text as duration": ({"duration": "1"}, "duration is '1'", "one number of seconds, 0.001 to 10000"),
-    "two durations": ({"duration": [1.0, 2.0]}, "duration is [1.0, 2.0]"),
+    "durations in the wrong order": ({"duration": [2.0, 1.0]}, "duration is (2, 1)", "the least below the most"),
+    "three durations": ({"duration": [1.0, 2.0, 3.0]}, "duration is [1.0, 2.0, 3.0]"),
+    "a free duration and a time": ({"duration": (1.0, 2.0), "waypoints": [([0.1, 0.1], 0.5)]}, "leave its time out"),
+    "costs twice": ({"costs": TorqueSquared(), "velocity_weight": 2.0}, "expected one or the other"),
     "a duration of hundreds of digits": ({"duration": 10**400}, "duration is 1000000", "0.001 to 10000"),
     "an array that is none": ({"start": NoArray()}, "start is a tensor on another device", "2 numbers"),
     "nan duration": ({"duration": NAN}, "duration is nan"),

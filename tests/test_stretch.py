@@ -1,16 +1,19 @@
 """Programs with a free duration and general cost terms: every derivative against finite differences."""
 
+import arms
 import numpy as np
 import pytest
 
-import arms
 import energyopt as eo
+from energyopt.actuators import ActuatorModel, Actuators
 from energyopt.baselines import baseline
-from energyopt.costs import AccelerationSquared, JerkSquared, TorqueSquared, VelocitySquared
+from energyopt.costs import AccelerationSquared, ElectricalEnergy, JerkSquared, MechanicalPower, TorqueSquared, VelocitySquared
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.transcription import Cuts, transcribe
 
+DRIVE = ActuatorModel(torque_constant=0.1, gear_ratio=100.0, resistance=0.5, efficiency=0.8, regeneration=0.4)
+DRIVES = Actuators([DRIVE, DRIVE], shared_bus=True, standby_power=12.0)
 STEP, TOLERANCE = 1e-6, 2e-6  # central differences, relative to the largest entry
 
 
@@ -19,7 +22,8 @@ def make_problem(arm, **more):
     given = {
         "start": np.linspace(-0.4, 0.3, n), "goal": np.linspace(0.5, -0.6, n), "duration": (0.7, 3.0),
         "start_velocity": np.linspace(0.2, -0.1, n), "goal_acceleration": np.linspace(-0.5, 0.4, n),
-        "velocity_limits": 2.0, "acceleration_limits": 9.0, "jerk_limits": 200.0, "torque_limits": 60.0, "torque_rate_limits": 500.0,
+        "velocity_limits": 2.0, "acceleration_limits": 9.0, "jerk_limits": 200.0, "torque_limits": 60.0,
+        "torque_rate_limits": 500.0,
     }  # fmt: skip
     return eo.Problem(arm, **(given | more))
 
@@ -44,11 +48,15 @@ def derivatives(program, x, sigma, multipliers):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("costs", ["squares", "jerk"])
-@pytest.mark.parametrize("space", [BSpline(control_points=12), HermiteSimpson(intervals=6), Sinusoid(3)], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("costs", ["squares", "jerk", "power"])
+@pytest.mark.parametrize(
+    "space", [BSpline(control_points=12), HermiteSimpson(intervals=6), Sinusoid(3)], ids=lambda s: type(s).__name__
+)
 def test_derivatives_with_a_free_duration(space, costs, compiled):
     two_link = arms.two_link()
     terms = [TorqueSquared(weights=[1.0, 2.0]), 0.3 * VelocitySquared(), 0.1 * AccelerationSquared(), 1e-3 * JerkSquared()]
+    if costs == "power":
+        terms = [*terms[:2], MechanicalPower(), 0.4 * ElectricalEnergy(actuators=DRIVES)]
     problem = make_problem(two_link, costs=None if costs == "squares" else terms).lasting(1.2)
     kernels = kernels_of(two_link.dynamics, compiled)
     program = transcribe(problem, space.space(1.2), kernels, cuts(), durations=(0.7, 3.0))

@@ -29,8 +29,8 @@ class Evaluator:
         layout: of the program; kernels: of the arm; costs: what is integrated, None for the layout's squares.
         arrays: by name in `samples.c`, the numbers in use. They may be changed between calls (see `stretch`).
         direction: of each sample's state, (N, 3 nv), or None; turned: the Hessian of the sample's share in the Lagrangian
-            times it, after a call of `hessian`. After one of `gradient`, ``arrays["gradient"]`` is the derivative of the objective's
-        share of each sample in its state.
+            times it, after a call of `hessian`. After one of `gradient`, ``arrays["gradient"]`` is the derivative of the
+            objective's share of each sample in its state.
     """
 
     def __init__(self, layout: Layout, kernels: Kernels, costs: StageCosts | None):
@@ -48,11 +48,6 @@ class Evaluator:
     def torque(self) -> np.ndarray:
         """τ there, (N, nv)."""
         return self.arrays["torque"]
-
-    @property
-    def self_contained(self) -> bool:
-        """Whether the compiled library alone gives every number."""
-        return False
 
     def row_multipliers(self, multipliers: np.ndarray) -> np.ndarray:
         """Multipliers of the torque rows, gathered at the samples they speak of, (entries,)."""
@@ -200,12 +195,14 @@ class CompiledEvaluator(Evaluator):
         self._held: dict[str, np.ndarray] = {}
 
     @property
-    def self_contained(self) -> bool:
-        return self.costs is None
-
-    @property
     def native(self) -> tuple[int, dict[str, int]]:
-        """Addresses of the C struct and, by name, of the functions that take it: a solver in C needs no Python to call them."""
+        """Addresses of the C struct and, by name, of the functions that take it: a solver in C needs no Python to call them.
+
+        Raises:
+            AttributeError: the cost terms are evaluated in Python.
+        """
+        if self.costs is not None:
+            raise AttributeError("native: cost terms other than squares are evaluated in Python")
         names = ("state", "objective", "constraints", "gradient", "jacobian", "hessian")
         address = lambda name: ctypes.cast(getattr(self._library, f"eo_program_{name}"), ctypes.c_void_p).value
         return ctypes.addressof(self._program), {name: address(name) for name in names}

@@ -1,7 +1,7 @@
 """The duration as an unknown: T = T₀ e^θ, θ the last unknown of the program, with exact first and second derivatives.
 
-A motion space over [0, T₀] describes the path in s = t/T; on a motion e^θ times as long derivatives of order o are e^{−oθ} of what
-the space says, and quadrature weights e^θ. What the boundary states fix, offsets of the coefficients, has parts from position,
+A motion space over [0, T₀] describes the path in s = t/T; on a motion e^θ times as long derivatives of order o are e^{−oθ} of
+what the space says, and quadrature weights e^θ. What the boundary states fix, offsets of the coefficients, has parts from position,
 velocity and acceleration that grow with e^{pθ}, p = 0, 1, 2, so that velocities at the ends stay what was asked.
 So the derivative of order o of a sample is
 
@@ -29,7 +29,9 @@ def offset_parts(space: MotionSpace, start: BoundaryState, goal: BoundaryState) 
 
     def only(state: BoundaryState, kind: int) -> BoundaryState:
         position = state.position if kind == 0 or state.position is None else nothing
-        return BoundaryState(position, *(value if kind == k else nothing for k, value in ((1, state.velocity), (2, state.acceleration))))
+        return BoundaryState(
+            position, *(value if kind == k else nothing for k, value in ((1, state.velocity), (2, state.acceleration)))
+        )
 
     return np.array([space.unknowns(only(start, kind), only(goal, kind)).offset for kind in range(3)])
 
@@ -40,7 +42,9 @@ class StretchedEvaluator:
     ``base`` evaluates the layout, ``inner`` the program without θ (``base``, or what extends it), ``parts`` are `offset_parts`.
     """
 
-    def __init__(self, base: Evaluator, inner, extras: list[ExtraRows], sizes: tuple[int, int], patterns: tuple, parts: np.ndarray):
+    def __init__(
+        self, base: Evaluator, inner, extras: list[ExtraRows], sizes: tuple[int, int], patterns: tuple, parts: np.ndarray
+    ):
         """``sizes``: unknowns and rows without θ; ``patterns``: their Jacobian's and Hessian's."""
         self._base, self._inner, self._extras, self._parts = base, inner, extras, parts
         self._n, self._m = sizes
