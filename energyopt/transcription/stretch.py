@@ -1,8 +1,8 @@
 """The duration as an unknown: T = T₀ e^θ, θ the last unknown of the program, with exact first and second derivatives.
 
 A motion space over [0, T₀] describes the path in s = t/T; on a motion e^θ times as long derivatives of order o are e^{−oθ} of
-what the space says, and quadrature weights e^θ. What the boundary states fix, offsets of the coefficients, has parts from position,
-velocity and acceleration that grow with e^{pθ}, p = 0, 1, 2, so that velocities at the ends stay what was asked.
+what the space says, and quadrature weights e^θ. What the boundary states fix, offsets of the coefficients, has parts from
+position, velocity and acceleration that grow with e^{pθ}, p = 0, 1, 2, so that velocities at the ends stay what was asked.
 So the derivative of order o of a sample is
 
     z_o = e^{−oθ} B_o x + Σ_p e^{(p−o)θ} B_o part_p,      ∂z_o/∂θ = ż_o,   ∂²z_o/∂θ² = z̈_o,   ∂²z_o/∂θ∂x = −o ∂z_o/∂x,
