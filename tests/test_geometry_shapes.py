@@ -3,13 +3,15 @@
 The loops run over `SHAPES`, so that an added shape is tested by being there.
 """
 
+from dataclasses import fields
+
 import coal
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from energyopt.geometry.shapes import SHAPES, Box, Capsule, ConvexMesh, Cylinder, HalfSpace, Sphere, workspace_walls
+from energyopt.geometry.shapes import SHAPES, Box, Capsule, ConvexMesh, Cylinder, HalfSpace, workspace_walls
 
 PAIRS = 10_000
 
@@ -21,19 +23,21 @@ def random_pose(rng):
     return pose
 
 
-MAKERS = {
-    "sphere": lambda rng, pose: Sphere(rng.uniform(0.02, 0.4), pose),
-    "capsule": lambda rng, pose: Capsule(rng.uniform(0.02, 0.3), rng.uniform(0.05, 0.6), pose),
-    "box": lambda rng, pose: Box(rng.uniform(0.03, 0.8, 3), pose),
-    "cylinder": lambda rng, pose: Cylinder(rng.uniform(0.03, 0.3), rng.uniform(0.05, 0.6), pose),
-    "half-space": lambda rng, pose: HalfSpace(rng.normal(size=3), rng.uniform(-0.3, 0.3), pose),
-    "mesh": lambda rng, pose: ConvexMesh(points=0.2 * rng.normal(size=(rng.integers(5, 40), 3)), pose=pose),
+FIELDS = {
+    "radius": lambda rng: rng.uniform(0.02, 0.3),
+    "length": lambda rng: rng.uniform(0.05, 0.6),
+    "size": lambda rng: rng.uniform(0.03, 0.8, 3),
+    "normal": lambda rng: rng.normal(size=3),
+    "offset": lambda rng: rng.uniform(-0.3, 0.3),
+    "points": lambda rng: 0.2 * rng.normal(size=(rng.integers(5, 40), 3)),
 }
+"""Random sizes, by the name of the field."""
 
 
 def random_shape(kind, rng, pose=None):
-    assert kind in MAKERS, f"a maker of random shapes of the kind '{kind}' is missing here"
-    return MAKERS[kind](rng, random_pose(rng) if pose is None else pose)
+    own = [field.name for field in fields(SHAPES[kind]) if field.name in FIELDS]
+    values = {name: FIELDS[name](rng) for name in own}
+    return SHAPES[kind](**values, pose=random_pose(rng) if pose is None else pose)
 
 
 def coal_distance(ball, center, shape):

@@ -204,7 +204,7 @@ WRONG = {
     "negative size": ('[[obstacles]]\ntype = "box"\nsize = [1, -1, 1]', "size is [1.0, -1.0, 1.0]; expected three positive"),
     "two sizes": ('[[obstacles]]\ntype = "box"\nsize = [1, 1]', "obstacles[0].size is [1, 1]; expected a number > 0 [m] or"),
     "millimetres": (BALL.replace("0.1", "50000"), "radius is 50000; expected a positive number of metres, at most 10000"),
-    "another's size": (BALL + "size = 1", "obstacles[0].size is 1; expected only with box (this is sphere, which has radius)"),
+    "another's size": (BALL + "size = 1", "obstacles[0].size is 1; expected only with box"),
     "nan in a pose": (BALL + "position = [0, nan, 0]", "obstacles[0].position[1] is nan; expected a finite number"),
     "infinite velocity": (BALL + "velocity = [inf, 0, 0]", "obstacles[0].velocity[0] is inf; expected a finite number"),
     "position of two": (BALL + "position = [0, 1]", "obstacles[0].position is [0, 1]; expected three numbers [m]"),

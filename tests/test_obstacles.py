@@ -146,6 +146,26 @@ def test_a_moving_obstacle_is_met_and_avoided_at_the_right_time():
     assert eo.replay(plan, collisions=True).contact_steps == 0
 
 
+MOVES = {
+    "waypoints": eo.Moving([(0, -1, 0), (0, 0, 0), (0, 0.2, 0)], times=[0.2, 1.0, 1.4]),
+    "smooth waypoints": eo.Moving([(0, -1, 0), (0, 0, 0), (0, 0.2, 0)], times=[0.2, 1.0, 1.4], smooth=True),
+    "function": eo.Moving(lambda t: (0, -np.cos(0.5 * np.pi * t), 0), times=T),
+}
+"""Ways to be at the origin after 1 s, some of which end before the motion does."""
+
+
+@pytest.mark.parametrize("way", MOVES)
+def test_whichever_way_its_motion_is_said_a_part_is_avoided_and_the_replay_agrees(way):
+    problem = task(eo.Sphere(POST, MOVES[way], "part"), clearance=0.01)
+    assert verify(problem, free_plan().trajectory).distance == pytest.approx(-BALL - POST, abs=2e-3)
+    plan = eo.plan(problem, eo.BSpline(accuracy=None))
+    t = np.linspace(0, T, 2001)
+    x, y = plan.trajectory(t).T
+    part = problem.obstacles[0].pose_at(t)[:, :2, 3]
+    assert plan.solved and np.hypot(x - part[:, 0], y - part[:, 1]).min() - BALL - POST > 0.01 - 1e-4
+    assert eo.replay(plan, collisions=True).contact_steps == 0
+
+
 @pytest.mark.parametrize("when", [0.4, 1.8])
 def test_an_obstacle_that_crosses_at_another_time_leaves_the_free_optimum(when):
     problem = task(crossing(when))

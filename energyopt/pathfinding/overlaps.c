@@ -2,7 +2,10 @@
 
    For every configuration: the placements of the joints; a ball around each link against each obstacle and each other
    link; only where these overlap, the balls that cover the link, until one overlaps. The structure is filled in by
-   overlaps.py; lengths in metres, matrices row by row, poses as rotation (9) and position (3). */
+   overlaps.py; lengths in metres, matrices row by row, poses as rotation (9) and position (3).
+
+   Why not the distances of collision.c: that answers how far, for the optimiser, and has to look at every ball; a search asks
+   only whether, thousands of times, and an answer here, which stops at the first ball that is near, takes a third of the time. */
 
 #include <math.h>
 #include <stdint.h>
