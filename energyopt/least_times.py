@@ -82,7 +82,7 @@ def check_times(problem: Problem, goal: np.ndarray | None) -> None:
         ProblemError: names the slowest joint of each leg, the time it needs, and the time there is.
     """
     began, before, legs = 0.0, "start", []
-    for leg, time in _legs(problem, goal):
+    for leg, time in legs_of(problem, goal):
         legs.append(leg)
         if time is None:
             continue
@@ -136,8 +136,12 @@ def _rests(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return starts, (problem.goal_velocity == 0) & (problem.goal_acceleration == 0)
 
 
-def _legs(problem: Problem, goal: np.ndarray | None) -> list[tuple[Leg, float | None]]:
-    """Every leg with the time at which it has to end; None where the optimiser chooses."""
+def legs_of(problem: Problem, goal: np.ndarray | None) -> list[tuple[Leg, float | None]]:
+    """Every leg with the time at which it has to end; None where the optimiser chooses.
+
+    Args:
+        problem: what is asked, with a given duration. goal: joint positions at the end (nv,), None where they are not known.
+    """
     stations = [(w.position, w.time, f"waypoints[{k}]") for k, w in enumerate(problem.waypoints)]
     stations.append((goal, problem.duration, "goal"))
     at_start, at_goal = _rests(problem)
@@ -153,7 +157,7 @@ def _legs(problem: Problem, goal: np.ndarray | None) -> list[tuple[Leg, float | 
 
 def _too_little_time(problem: Problem, before: str, legs: list[Leg], given: float) -> Exception:
     needed, end = sum(leg.time for leg in legs), legs[-1].to
-    remedy = "allow more time, a shorter way, or higher limits"
+    remedy = f"{_feasible(problem)}allow more time, a shorter way, or higher limits"
     if len(legs) == 1:
         words = f"{joint(problem, legs[0].slowest)} needs at least {needed:.4g} s from {before} to {end} under its limits"
         return impossible(problem, "duration" if end == "goal" else end, f"{words}, {given:.4g} s are given; {remedy}")
@@ -161,3 +165,11 @@ def _too_little_time(problem: Problem, before: str, legs: list[Leg], given: floa
     listed = ", ".join(parts[:4]) + (", …" if len(parts) > 4 else "")
     words = f"the way from {before} through {legs[0].to}{' …' if len(legs) > 2 else ''} to {end} takes at least {needed:.4g} s"
     return impossible(problem, legs[0].to, f"{words} under the limits: {listed}; {given:.4g} s are given; {remedy}")
+
+
+def _feasible(problem: Problem) -> str:
+    """What is known of a duration that suffices, for messages."""
+    from energyopt.durations import duration_bounds  # it judges motions, which this module knows nothing of
+
+    upper = duration_bounds(problem).upper
+    return "" if upper is None else f"{upper:.4g} s is known to be feasible; "

@@ -98,7 +98,7 @@ def test_friction_takes_time_and_the_limits_hold_with_it():
 def test_a_finer_grid_changes_the_shortest_duration_little(monkeypatch):
     robot = arms.catalogue_robot("panda")
     coarse = shortest_duration(panda_path(), robot)
-    monkeypatch.setattr("energyopt.pathfinding.timing.INTERVALS", 2000)
+    monkeypatch.setattr("energyopt.timing.reachability.INTERVALS", 2000)
     assert coarse == pytest.approx(shortest_duration(panda_path(), robot), rel=0.01)
 
 

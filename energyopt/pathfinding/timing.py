@@ -1,71 +1,18 @@
-"""How fast a path can be followed, and motions along it.
-
-Along a curve q(s) a time law s(t) gives q̇ = q'ṡ and q̈ = q's̈ + q''ṡ². With x = ṡ² and u = s̈ the torques are linear in both
-(J. E. Bobrow, S. Dubowsky and J. S. Gibson, "Time-Optimal Control of Robotic Manipulators Along Specified Paths", IJRR 4, 1985),
-
-    τ = a(s) u + b(s) x + c(s) + friction,    a = M q',   b = M q'' + C(q, q') q',   c = g,
-
-and so are the limits of τ and q̈; limits of q̇ bound x. On a grid, with u constant between s_i and s_{i+1}, x changes by 2 u Δs.
-A backward pass finds for every s_i the largest x from which the end can still be reached at rest, a forward pass takes the
-largest u that stays below (Q.-C. Pham and H. Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
-Analysis", IEEE T-RO 34, 2018). Limits hold at both ends of every interval. Friction is counted between none and that at the
-largest velocity, whichever is worse, and that velocity is one at which viscous friction takes no more than half of the torque
-that is left: exact without friction, on the safe side with it. Limits of jerk and torque rate are not looked at.
-
-A law made slower by a factor r has torques c + r²(τ − c): what holds at rest and at full speed holds in between.
-"""
+"""Motions along paths with corners: rounded first, then timed as `energyopt.timing.reachability` does it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from energyopt.errors import ProblemError
-from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineTrajectory, Trajectory
+from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
 from energyopt.pathfinding.curves import rounded
 from energyopt.robots.model import Limits, RobotModel
-
-INTERVALS = 240
-"""Of the grid along a curve, at least."""
-
-
-@dataclass(frozen=True, eq=False)
-class TimeLaw:
-    """How a curve is passed, from rest to rest.
-
-    Attributes:
-        s: places on the curve, shape (N + 1,), from 0 to its length.
-        speed: ṡ at these [1/s], shape (N + 1,); zero at both ends.
-        pull: s̈ between them [1/s²], shape (N,).
-    """
-
-    s: np.ndarray
-    speed: np.ndarray
-    pull: np.ndarray
-
-    @property
-    def times(self) -> np.ndarray:
-        """When each place is passed [s], shape (N + 1,)."""
-        return np.append(0.0, np.cumsum(2.0 * np.diff(self.s) / (self.speed[1:] + self.speed[:-1])))
-
-    @property
-    def duration(self) -> float:
-        return float(self.times[-1])
-
-    def scaled(self, duration: float) -> TimeLaw:
-        """The same law, slower or faster, to take ``duration`` [s]."""
-        ratio = self.duration / duration
-        return TimeLaw(self.s, ratio * self.speed, ratio**2 * self.pull)
-
-
-def shortest_duration(path: np.ndarray | SplineTrajectory, robot: RobotModel, limits: Limits | None = None) -> float:
-    """The least time [s] in which an arm can follow a path from rest to rest; arguments and errors as of `fastest`."""
-    return fastest(path, robot, limits).duration
+from energyopt.timing import reachability
+from energyopt.timing.reachability import TimeLaw, motion
 
 
 def fastest(path: np.ndarray | SplineTrajectory, robot: RobotModel, limits: Limits | None = None) -> TimeLaw:
-    """The time law that takes the least time inside the limits of velocity, acceleration and torque.
+    """The time law that takes the least time from rest to rest inside the limits of velocity, acceleration and torque.
 
     Args:
         path: a curve, or configurations (K, nv) [rad] whose corners are rounded.
@@ -75,20 +22,12 @@ def fastest(path: np.ndarray | SplineTrajectory, robot: RobotModel, limits: Limi
     Raises:
         ProblemError: the arm cannot hold itself still somewhere on the path, or nothing limits it.
     """
-    curve, limits = _as_curve(path), limits or robot.limits
-    s = curve.sample_times(max(1, -(-INTERVALS // (len(curve.breaks) - 1))))
-    held = robot.torque(curve(s), *np.zeros((2, len(s), robot.nv)))
-    _require_held(limits.torque - np.abs(held) - robot.dynamics.coulomb_friction, held, robot, limits)
-    most = _most(curve(s, 1), held, robot, limits)
-    rows = _interval_rows(s, *_limit_rows(curve, s, held, robot, limits, most))
-    reachable = _backward(s, most, rows)
-    if not np.all(np.isfinite(reachable[1:-1])):
-        raise ProblemError("path: neither velocity nor torque nor acceleration is limited; give limits to find a least duration")
-    x = _forward(s, reachable, rows)
-    if not np.all(x[1:-1] > 0):
-        raise ProblemError("path: the limits leave no speed at all somewhere on it; raise them, or look for another path")
-    speed = np.sqrt(x)
-    return TimeLaw(s, speed, np.diff(x) / (2.0 * np.diff(s)))
+    return reachability.fastest(_as_curve(path), robot, limits)
+
+
+def shortest_duration(path: np.ndarray | SplineTrajectory, robot: RobotModel, limits: Limits | None = None) -> float:
+    """The least time [s] in which an arm can follow a path from rest to rest; arguments and errors as of `fastest`."""
+    return fastest(path, robot, limits).duration
 
 
 def timed(
@@ -106,116 +45,9 @@ def timed(
 
 
 def timed_smoothly(path: np.ndarray | SplineTrajectory, duration: float) -> Trajectory:
-    """A motion along a path with s/length = 10 σ³ − 15 σ⁴ + 6 σ⁵, σ = t/duration [s]: no limits are looked at."""
-    curve = _as_curve(path)
-    t = np.linspace(0.0, 1.0, 4 * len(curve.breaks) + 1)
-    s = curve.duration * np.array([t**3 * (10 - 15 * t + 6 * t**2), 30 * (t * (1 - t)) ** 2, 60 * t * (1 - t) * (1 - 2 * t)])
-    states = _states(curve, s[0], s[1] / duration, s[2] / duration**2)
-    return _quintics(duration * t, [x[:-1] for x in states], [x[1:] for x in states])
-
-
-def motion(curve: SplineTrajectory, law: TimeLaw) -> PolynomialTrajectory:
-    """q(s(t)) as quintics between the grid's places, with the positions, velocities and accelerations at both ends of each."""
-    left = _states(curve, law.s[:-1], law.speed[:-1], law.pull)
-    right = _states(curve, law.s[1:], law.speed[1:], law.pull)
-    return _quintics(law.times, left, right)
+    """A motion along a path with the quintic law of `reachability.timed_smoothly`: no limits are looked at."""
+    return reachability.timed_smoothly(_as_curve(path), duration)
 
 
 def _as_curve(path: np.ndarray | SplineTrajectory) -> SplineTrajectory:
     return path if isinstance(path, SplineTrajectory) else rounded(path)
-
-
-def _most(first: np.ndarray, held: np.ndarray, robot: RobotModel, limits: Limits) -> np.ndarray:
-    """The largest x at every place that velocity limits and viscous friction allow, shape (N + 1,)."""
-    left = limits.torque - np.abs(held) - robot.dynamics.coulomb_friction
-    with np.errstate(divide="ignore", invalid="ignore"):
-        velocity = np.fmin(limits.velocity, 0.5 * left / robot.dynamics.viscous_friction)
-        return np.min((velocity / np.abs(first)) ** 2, axis=1)
-
-
-def _limit_rows(
-    curve: SplineTrajectory, s: np.ndarray, held: np.ndarray, robot: RobotModel, limits: Limits, most: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The limits at every place as α u + β x ≤ γ; three arrays of shape (N + 1, R)."""
-    q, first, second = curve(s), curve(s, 1), curve(s, 2)
-    rigid = lambda v, a: robot.torque(q, v, a) - robot.dynamics.friction(v)
-    a, b = rigid(np.zeros_like(q), first) - held, rigid(first, second) - held
-    rub = robot.dynamics.friction(first * np.sqrt(np.where(np.isfinite(most), most, 0.0))[:, None])
-    up, down = limits.torque - held - np.maximum(rub, 0.0), limits.torque + held + np.minimum(rub, 0.0)
-    most_pull = np.broadcast_to(limits.acceleration, q.shape)
-    sides = [(a, b, up), (-a, -b, down), (first, second, most_pull), (-first, -second, most_pull)]
-    alpha, beta, gamma = (np.concatenate([side[k] for side in sides], axis=1) for k in range(3))
-    use = np.any(np.isfinite(gamma), axis=0)
-    return alpha[:, use], beta[:, use], gamma[:, use]
-
-
-def _require_held(room: np.ndarray, held: np.ndarray, robot: RobotModel, limits: Limits) -> None:
-    if np.all(room > 0):
-        return
-    k, joint = np.unravel_index(np.argmin(room), room.shape)
-    raise ProblemError(
-        f"path: joint '{robot.joint_names[joint]}' needs {abs(held[k, joint]):.4g} N·m to be held and moved on the way, "
-        f"its torque limit is {limits.torque[joint]:.4g}; raise it, or look for another path"
-    )
-
-
-def _interval_rows(s: np.ndarray, alpha: np.ndarray, beta: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The limits at both ends of every interval, in u and the x of its near end: at the far end that is x + 2 Δs u."""
-    far = alpha[1:] + 2 * np.diff(s)[:, None] * beta[1:]
-    return tuple(np.concatenate(both, axis=1) for both in ((alpha[:-1], far), (beta[:-1], beta[1:]), (gamma[:-1], gamma[1:])))
-
-
-def _backward(s: np.ndarray, most: np.ndarray, rows: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The largest x at every place from which the end can be reached at rest, shape (N + 1,).
-
-    Of the limits α u + β x ≤ γ, every one with α > 0 and every one with α < 0 together bound x, whatever u is.
-    """
-    best = np.append(np.minimum(most[:-1], _bound_of_pairs(*rows)), 0.0)
-    for i, (alpha, beta, gamma) in reversed(list(enumerate(zip(*rows, strict=True)))):
-        # The limit that the place ahead sets, x + 2 Δs u ≤ best, with all that ask for a least u.
-        step, down = 2.0 * (s[i + 1] - s[i]), alpha < 0
-        weight = step * beta[down] - alpha[down]
-        room = step * gamma[down] - alpha[down] * best[i + 1]
-        binding = weight > 0
-        best[i] = max(0.0, np.min(room[binding] / weight[binding], initial=best[i]))
-    return best
-
-
-def _bound_of_pairs(alpha: np.ndarray, beta: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-    """The largest x of every interval for which there is a u, shape (N,)."""
-    bound = np.full(len(alpha), np.inf)
-    low, high = np.minimum(alpha, 0.0), np.maximum(alpha, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for k in range(alpha.shape[1]):
-            # Limit k as the one with α < 0; α = 0 needs no other and is counted with each of weight one.
-            other = np.where(alpha[:, k, None] < 0, high, 1.0 * (alpha[:, k, None] == 0))
-            weight = beta[:, k, None] * other - low[:, k, None] * beta * (high > 0)
-            room = gamma[:, k, None] * other - low[:, k, None] * gamma * (high > 0)
-            bound = np.minimum(bound, np.min(np.where((weight > 0) & (other > 0), room / weight, np.inf), axis=1))
-    return bound
-
-
-def _forward(s: np.ndarray, reachable: np.ndarray, rows: tuple[np.ndarray, ...]) -> np.ndarray:
-    """x at every place, shape (N + 1,), with the largest u everywhere."""
-    x = np.zeros(len(s))
-    for i, (alpha, beta, gamma) in enumerate(zip(*rows, strict=True)):
-        step, up = 2.0 * (s[i + 1] - s[i]), alpha > 0
-        u = np.min((gamma[up] - beta[up] * x[i]) / alpha[up], initial=(reachable[i + 1] - x[i]) / step)
-        x[i + 1] = np.clip(x[i] + step * u, 0.0, reachable[i + 1])
-    return x
-
-
-def _states(curve: SplineTrajectory, s: np.ndarray, speed: np.ndarray, pull: np.ndarray) -> list[np.ndarray]:
-    first, second = curve(s, 1), curve(s, 2)
-    return [curve(s), first * speed[:, None], first * pull[:, None] + second * speed[:, None] ** 2]
-
-
-def _quintics(times: np.ndarray, left: list[np.ndarray], right: list[np.ndarray]) -> PolynomialTrajectory:
-    """Pieces with given states (q, q̇, q̈), each (N, nv), at their two ends."""
-    h = np.diff(times)[:, None]
-    q, v, a = left
-    c2 = 0.5 * a
-    # What is left for the powers three to five to do at the far end, in units of the piece's time.
-    p, dv, da = right[0] - (q + v * h + c2 * h**2), (right[1] - v - a * h) * h, (right[2] - a) * h**2
-    c3, c4, c5 = 10 * p - 4 * dv + 0.5 * da, -15 * p + 7 * dv - da, 6 * p - 3 * dv + 0.5 * da
-    return PolynomialTrajectory(times, np.stack([q, v, c2, c3 / h**3, c4 / h**4, c5 / h**5], axis=1))
