@@ -96,7 +96,7 @@ MEANINGS = {
     "problem.goal.position": "where its origin has to be, in the robot's base",
     "problem.goal.quaternion": "its orientation; free without it and rpy",
     "problem.goal.rpy": "its orientation in the file's angles, in place of quaternion",
-    "problem.duration": "T",
+    "problem.duration": "T, or between what it is to be chosen",
     "problem.velocity_weight": "λ; 0.1 without it",
     "problem.torque_weights": "w; 1 without it",
     "problem.start_velocity": "0 without it",

@@ -180,9 +180,11 @@ def _check(parsed: argparse.Namespace) -> int:
         return VALID
     problem, _ = load_task(parsed.file)
     print(robot_lines(problem.robot))
-    check_feasibility(problem)
-    check_ends(problem, problem.goal_position)
-    print(f"{problem.name}: a well-formed problem of {problem.duration:g} s; no reason was found why it could not be solved")
+    longest = problem.lasting(problem.durations[1])
+    check_feasibility(longest)
+    check_ends(longest, longest.goal_position)
+    span = " to ".join(f"{t:g}" for t in dict.fromkeys(problem.durations))
+    print(f"{problem.name}: a well-formed problem of {span} s; no reason was found why it could not be solved")
     return VALID
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from energyopt.costs import formula
 from energyopt.geometry.exact import obstacle_names
 from energyopt.problem import FramePose, Problem
 from energyopt.report_parts import Cell, Markup, definitions, section, table
@@ -16,9 +17,14 @@ def problem_sections(problem: Problem) -> list[Markup]:
 
 def _asked(problem: Problem) -> Markup:
     dynamics, model = problem.robot.dynamics, problem.robot.model
-    facts = {"Robot": problem.robot.name, "Goal": _goal(problem), "Duration": f"{problem.duration:g} s"}
-    facts["Weight λ of Σq̇²"] = _values(problem.velocity_weight)
-    facts["Weight w of Στ²"] = _values(problem.torque_weights)
+    span = dict.fromkeys(problem.durations)  # one time where it is given
+    facts = {"Robot": problem.robot.name, "Goal": _goal(problem), "Duration": " to ".join(f"{t:g}" for t in span) + " s"}
+    if problem.costs is None:
+        facts["Weight λ of Σq̇²"] = _values(problem.velocity_weight)
+        facts["Weight w of Στ²"] = _values(problem.torque_weights)
+    else:
+        facts["Minimised"] = formula(problem.costs)
+        facts |= {f"Weights w of {t.symbol}": _values(t.weights) for t in problem.costs if np.any(getattr(t, "weights", 1) != 1)}
     for k, waypoint in enumerate(problem.waypoints, start=1):
         when = "at a time left free" if waypoint.time is None else f"at {waypoint.time:g} s"
         facts[f"Waypoint {k}, {when}"] = _values(waypoint.position)

@@ -22,7 +22,7 @@ def outcome_table(outcome: Outcome) -> str:
     rows = [
         ("status", f"{plan.status.value}: {plan.message}"),
         ("motion", f"{robot.name}, {robot.nv} joints, {plan.duration:g} s"),
-        ("objective J", f"{plan.objective:.6g}, of which {_shares(outcome)}{_estimate(outcome)}"),
+        ("objective J", f"{plan.objective:.6g}{_shares(outcome)}{_estimate(outcome)}"),
         ("mechanical energy", _energy(outcome)),
         (f"against {REFERENCE}", _saving(outcome)),
         *_margins(outcome),
@@ -64,11 +64,14 @@ def robot_lines(robot: RobotModel) -> str:
 
 
 def _shares(outcome: Outcome) -> str:
-    """What of J is not torque, in %."""
+    """What of J is not torque, in %; nothing where J has one term."""
     terms, whole = outcome.plan.cost_terms, outcome.plan.objective
-    words = {"velocity_squared": "for velocity", "potential": "for nearness to obstacles"}
+    if len(terms) < 2:
+        return ""
+    words = {"velocity_squared": "velocity", "potential": "nearness to obstacles"}
     percent = lambda term: 100 * terms[term] / whole if whole > 0 else 0.0
-    return " and ".join(f"{percent(term):.1f} % {said}" for term, said in words.items() if term in terms)
+    said = [f"{percent(t):.1f} % for {words.get(t, t.replace('_', ' '))}" for t in terms if t != "torque_squared"]
+    return f", of which {' and '.join(said)}"
 
 
 def _estimate(outcome: Outcome) -> str:

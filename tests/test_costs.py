@@ -327,3 +327,9 @@ def test_a_robot_takes_its_drives_in_any_of_four_forms():
         robot = eo.load_robot("ur5", actuators=given)
         assert robot.actuators.models == (one,) * 6
     assert eo.load_robot("ur5").actuators is None
+
+
+def test_the_formula_names_every_term_with_its_weight():
+    terms = [costs.ElectricalEnergy(), 0.01 * costs.TorqueSquared(), costs.JerkSquared([1.0, 2.0], weight=2e-5)]
+    assert costs.formula(terms) == "∫(supply power + 0.01 Στ² + 2e-05 Σw(d³q/dt³)²)dt"
+    assert all(costs.formula([term()]) == f"∫({term.symbol})dt" for term in costs.COSTS.values())

@@ -12,6 +12,7 @@ from energyopt.baselines import baseline
 from energyopt.errors import InputError
 from energyopt.io.energy_parts import actuators_from_meta, actuators_meta, costs_from_meta, costs_meta
 from energyopt.io.energy_schema import PARAMETERS, parameters_of
+from energyopt.io.parts import problem_arrays, problem_from_arrays
 from energyopt.plans import Plan, Status, Violations
 from energyopt.verification import cost
 
@@ -163,3 +164,81 @@ def test_damaged_drives_are_refused():
     for key in good:
         with pytest.raises(KeyError):
             actuators_from_meta({k: v for k, v in good.items() if k != key}, 3)
+
+
+def test_costs_of_a_file_are_those_of_the_problem(tmp_path):
+    problem = load(tmp_path, terms=TERMS)
+    squared, electrical = problem.costs
+    assert isinstance(squared, costs.TorqueSquared) and squared.weight == 0.1 and squared.weights.tolist() == [1, 1, 1, 1, 1, 2]
+    assert isinstance(electrical, costs.ElectricalEnergy) and electrical.smoothing == 0.2
+    assert electrical.actuators is problem.robot.actuators
+
+
+def test_costs_come_back_from_a_saved_plan_bit_for_bit(tmp_path):
+    problem = load(tmp_path, terms=TERMS.replace("0.1", "0.1234567890123456789"))
+    back = saved_and_loaded(problem, tmp_path / "plan.npz")
+    assert [type(term) for term in back.costs] == [type(term) for term in problem.costs]
+    assert back.costs[0].weight == problem.costs[0].weight and np.array_equal(back.costs[0].weights, problem.costs[0].weights)
+    assert back.costs[1].smoothing == 0.2 and back.costs[1].actuators is back.robot.actuators
+
+
+WRONG_TERMS = [
+    ("smoothing = 0.2", "smoothing = 1e-9", "27: problem.cost[1]: smoothing is 1e-09: expected a width [W]"),
+    ("smoothing = 0.2", "weights = 0.2", "27: problem.cost[1].weights is 0.2; expected only with torque_squared"),
+    ("smoothing = 0.2", "weight = -0.2", "27: problem.cost[1].weight is -0.2; expected a number ≥ 0"),
+    ("smoothing = 0.2", "width = 0.2", "27: problem.cost[1].width is not a known key;"),
+    ("[1, 1, 1, 1, 1, 2]", "[1, 1, 1, 1, 1]", "23: problem.cost[0]: weights: expected 6 numbers, one for each of shoulder"),
+    ("[1, 1, 1, 1, 1, 2]", "[1, 1, 1, 1, 1, -1]", "23: problem.cost[0]: weights is -1: expected a number ≥ 0"),
+    ('"torque_squared"', '"torque"', '21: problem.cost[0].type is "torque"; expected one of torque_squared, velocity'),
+    ('"torque_squared"', '"electrical_energy"', "23: problem.cost[0].weights is [1, 1, 1, 1, 1, 2]; expected only with"),
+    ('"electrical_energy"\nsmoothing = 0.2', '"torque_squared"', "25: problem.cost[1] is a second torque_squared: expected"),
+    ('type = "electrical_energy"\n', "", "25: problem.cost[1].type is missing; expected one of"),
+]
+
+
+@pytest.mark.parametrize("old, new, message", WRONG_TERMS)
+def test_wrong_costs_are_named_with_their_line(tmp_path, old, new, message):
+    assert TERMS.count(old) == 1
+    with pytest.raises(InputError) as error:
+        load(tmp_path, terms=TERMS.replace(old, new))
+    assert str(error.value).startswith(f"{tmp_path / 'task.toml'}:{message}") and "\n" not in str(error.value)
+
+
+def test_costs_that_contradict_the_rest_of_the_file_are_refused(tmp_path):
+    for drives, terms, message in (
+        ("", TERMS, "problem.cost[1]: ur5 has no actuator models: give them to load_robot"),
+        (
+            DRIVES,
+            "velocity_weight = 0.1\n" + TERMS,
+            "problem.velocity_weight stands beside [[problem.cost]]; expected one of them",
+        ),
+        (
+            DRIVES,
+            '[[problem.cost]]\ntype = "torque_squared"\nweight = 0\n',
+            "problem.cost: the weights of torque_squared are all zero",
+        ),
+        (DRIVES, 'cost = "energy"\n', 'problem.cost is "energy"; expected a list of tables, each under [[problem.cost]]'),
+    ):
+        with pytest.raises(InputError) as error:
+            load(tmp_path, drives, terms)
+        assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_file_may_leave_the_duration_free_and_a_plan_file_gives_the_range_back(tmp_path):
+    path = tmp_path / "task.toml"
+    text = (TASK % (DRIVES, TERMS)).replace("duration = 1", "duration = [1, 3]")
+    path.write_text(text, encoding="utf-8")
+    problem = eo.load_problem(path)
+    assert problem.durations == (1.0, 3.0) and problem.free_duration
+    arrays = {}
+    meta = problem_arrays(problem, arrays)
+    own = {key.removeprefix("problem."): value for key, value in arrays.items()}
+    assert problem_from_arrays(json.loads(json.dumps(meta)), problem.robot, own).duration == (1.0, 3.0)
+    for wrong, words in (
+        ("[3, 1]", "expected the least below the most"),
+        ("[-1, 3]", "expected one number of seconds"),
+        ("[1]", "a pair"),
+    ):
+        path.write_text(text.replace("[1, 3]", wrong), encoding="utf-8")
+        with pytest.raises(InputError, match=rf"task.toml:1[0-9]+: .*duration .*{words}"):
+            eo.load_problem(path)

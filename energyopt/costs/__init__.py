@@ -1,7 +1,7 @@
 """Cost terms, one a file; `COSTS` lists them by name, and what stands there is tested and can be written in problem files."""
 
 from energyopt.costs.acceleration_squared import AccelerationSquared
-from energyopt.costs.cost import CostTerm, Integrand, Samples, checked_costs
+from energyopt.costs.cost import CostTerm, Integrand, Samples, checked_costs, formula
 from energyopt.costs.electrical_energy import ElectricalEnergy
 from energyopt.costs.jerk_squared import JerkSquared
 from energyopt.costs.measure import integral, samples_of, smoothing_error
@@ -37,6 +37,7 @@ __all__ = [
     "TorqueSquared",
     "VelocitySquared",
     "checked_costs",
+    "formula",
     "integral",
     "samples_of",
     "smoothing_error",

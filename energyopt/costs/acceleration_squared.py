@@ -13,4 +13,5 @@ class AccelerationSquared(SquaredTerm):
 
     name = "acceleration_squared"
     unit = "rad²/s³"
+    symbol = "Σq̈²"
     uses = ("a",)

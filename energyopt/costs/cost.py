@@ -69,7 +69,7 @@ class CostTerm(ABC):
     """A term of J; ``0.5 * term`` is the same with half the weight.
 
     Attributes:
-        name: its key in ``plan.cost_terms``. unit: of ∫φ dt, before the weight.
+        name: its key in ``plan.cost_terms``. unit: of ∫φ dt, before the weight. symbol: φ, for formulas.
         weight: factor in J, ≥ 0.
 
     Raises:
@@ -78,6 +78,7 @@ class CostTerm(ABC):
 
     name: ClassVar[str]
     unit: ClassVar[str]
+    symbol: ClassVar[str]
     uses: ClassVar[tuple[str, ...]]
     """Which fields of `Samples` φ depends on."""
     __array_ufunc__ = None  # so that a numpy number times a term is a term
@@ -145,6 +146,13 @@ class SquaredTerm(CostTerm):
 
     def fitted(self, robot: RobotModel) -> CostTerm:
         return replace(self, weights=values.vector(f"{self.name}: weights", self.weights, robot.joint_names))
+
+
+def formula(terms: Sequence[CostTerm]) -> str:
+    """What is minimised, for people: such as "∫(supply power + 0.01 Στ²)dt"."""
+    factor = lambda term: "" if term.weight == 1.0 else f"{term.weight:.4g} "
+    weighted = lambda term: term.symbol.replace("Σ", "Σw") if np.any(getattr(term, "weights", 1.0) != 1.0) else term.symbol
+    return f"∫({' + '.join(factor(term) + weighted(term) for term in terms)})dt"
 
 
 def checked_costs(given: Any, robot: RobotModel) -> tuple[CostTerm, ...]:

@@ -52,6 +52,7 @@ class ElectricalEnergy(SmoothTerm):
 
     name = "electrical_energy"
     unit = "J"
+    symbol = "supply power"
     uses = ("tau", "v")
 
     actuators: Actuators | None = None

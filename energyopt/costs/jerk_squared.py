@@ -16,4 +16,5 @@ class JerkSquared(SquaredTerm):
 
     name = "jerk_squared"
     unit = "rad²/s⁵"
+    symbol = "Σ(d³q/dt³)²"
     uses = ("jerk",)

@@ -16,6 +16,7 @@ class MechanicalPower(PowerTerm):
     """∫ Σ |τᵢ q̇ᵢ| dt [J]: the metric ``mechanical_abs_J``, smoothed over ``smoothing`` [W]."""
 
     name = "mechanical_power"
+    symbol = "Σ|τq̇|"
 
     def smooth(self, power: np.ndarray) -> Derivatives:
         return smooth_abs(power, self.smoothing)

@@ -16,6 +16,7 @@ class PositivePower(PowerTerm):
     """∫ Σ max(τᵢ q̇ᵢ, 0) dt [J]: the metric ``mechanical_positive_J``, smoothed over ``smoothing`` [W]."""
 
     name = "positive_power"
+    symbol = "Σmax(τq̇, 0)"
 
     def smooth(self, power: np.ndarray) -> Derivatives:
         return smooth_positive(power, self.smoothing)

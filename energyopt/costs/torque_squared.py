@@ -13,4 +13,5 @@ class TorqueSquared(SquaredTerm):
 
     name = "torque_squared"
     unit = "N²·m²·s"
+    symbol = "Στ²"
     uses = ("tau",)

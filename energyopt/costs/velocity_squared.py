@@ -13,4 +13,5 @@ class VelocitySquared(SquaredTerm):
 
     name = "velocity_squared"
     unit = "rad²/s"
+    symbol = "Σq̇²"
     uses = ("v",)

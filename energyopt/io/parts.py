@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from energyopt.dynamics.body import Dynamics
-from energyopt.io.energy_parts import actuators_from_meta, actuators_meta
+from energyopt.io.energy_parts import actuators_from_meta, actuators_meta, costs_from_meta, costs_meta
 from energyopt.io.shape_parts import avoidance_arrays, avoidance_from_arrays
 from energyopt.problem import FramePose, Problem, Waypoint
 from energyopt.robots import Limits, RobotModel
@@ -104,6 +104,7 @@ def problem_arrays(problem: Problem, arrays: Arrays) -> dict[str, Any]:
         "name": problem.name,
         "goal_frame": goal.frame if isinstance(goal, FramePose) else None,
         "waypoint_times": [w.time for w in problem.waypoints],
+        "costs": None if problem.costs is None else costs_meta(problem.costs, problem.robot.actuators),
         **avoidance_arrays(problem, arrays),
     }
 
@@ -131,9 +132,10 @@ def problem_from_arrays(meta: dict[str, Any], robot: RobotModel, arrays: Arrays)
         robot,
         start=_vector(arrays, "start", nv),
         goal=goal,
-        duration=float(_vector(arrays, "duration", None)),
+        duration=_duration(arrays),
         waypoints=tuple(Waypoint(p, None if t is None else float(t)) for p, t in zip(points, times, strict=True)),
         name=str(meta["name"]),
+        costs=None if meta.get("costs") is None else costs_from_meta(meta["costs"], robot.actuators, nv),
         **{key: _vector(arrays, key, nv) for key in _VECTORS},
         **limits,
         **avoidance_from_arrays(meta, arrays),
@@ -144,6 +146,13 @@ def _friction_velocity(arrays: Arrays, nv: int) -> float | np.ndarray:
     if arrays["coulomb_velocity"].ndim:
         return _vector(arrays, "coulomb_velocity", nv)
     return float(_vector(arrays, "coulomb_velocity", None))
+
+
+def _duration(arrays: Arrays) -> float | tuple[float, float]:
+    if arrays["duration"].ndim:
+        least, most = _vector(arrays, "duration", 2).tolist()
+        return least, most
+    return float(_vector(arrays, "duration", None))
 
 
 def _limits(arrays: Arrays, prefix: str, nv: int) -> Limits:

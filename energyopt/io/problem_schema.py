@@ -108,7 +108,7 @@ _PROBLEM = Table(
     {
         "start": _CONFIGURATION,
         "goal": OneOf(_CONFIGURATION, _FRAME_GOAL),
-        "duration": number("s", positive=True),
+        "duration": either(number("s", positive=True), numbers("a pair [least, most] of seconds to choose from", 2)),
         "velocity_weight": _for_joints("N²·m²·s²/rad²", low=0),
         "torque_weights": _for_joints("", low=0),
         "start_velocity": _for_joints("rad/s"),

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from energyopt.arguments import check_log, check_plan
 from energyopt.baselines import baseline
+from energyopt.costs import formula
 from energyopt.errors import InputError
 from energyopt.metrics import MetricSeries, metrics, metrics_of_log
 from energyopt.parameterizations.trajectory import Trajectory
@@ -64,9 +65,14 @@ def plot_metrics(plan: Plan, log: ReplayLog | None = None, baselines: Sequence[s
             _scale(ax, [(series.t, getattr(series, field)) for series, _ in curves.values()], unit.format(angle=angle))
         for ax in panels[1]:
             ax.set_xlabel("time [s]")
-        look.heading(figure, plan, "Minimised is the objective J = ∫(Σwτ² + Σλq̇²)dt. All motions take the same time.")
+        look.heading(figure, plan, f"Minimised is the objective J = {_minimised(plan)}. All motions take the same time.")
         look.legend(figure, panels[0, 0], columns=3)
     return figure
+
+
+def _minimised(plan: Plan) -> str:
+    costs = plan.problem.costs
+    return "∫(Σwτ² + Σλq̇²)dt" if costs is None else formula(costs)
 
 
 def _ordinary_motions(plan: Plan, baselines: Sequence[str]) -> dict[str, Trajectory]:
