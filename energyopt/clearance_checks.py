@@ -75,8 +75,8 @@ def clearance_of(problem: Problem, trajectory: Trajectory) -> tuple[Finding, flo
 
 
 def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
-    """Refuse a problem whose start, goal or timed waypoints touch something, or come closer than the clearance, or in which
-    an obstacle is where the arm's base is.
+    """Refuse a problem whose start, goal or waypoints touch something, or come closer than the clearance, or in which an obstacle
+    is where the arm's base is. Beside a waypoint without a time only what does not move counts.
 
     Args:
         goal: joint positions of the goal, where they are known.
@@ -86,7 +86,7 @@ def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
     """
     _check_base(problem)
     stations = [("start", problem.start, 0.0)]
-    stations += [(f"waypoints[{k}]", w.position, w.time) for k, w in enumerate(problem.waypoints) if w.time is not None]
+    stations += [(f"waypoints[{k}]", w.position, w.time) for k, w in enumerate(problem.waypoints)]
     if goal is not None:
         stations.append(("goal", goal, problem.duration))
     for where, q, t in stations:
@@ -110,8 +110,10 @@ def _check_base(problem: Problem) -> None:
         raise impossible(problem, f"obstacles[{k}]", f"{said}; {remedy}")
 
 
-def _check_station(problem: Problem, where: str, q: np.ndarray, t: float) -> None:
+def _check_station(problem: Problem, where: str, q: np.ndarray, t: float | None) -> None:
     pairs, obstacles = checked_pairs(problem), arm_obstacles(problem)
+    if t is None:
+        t, obstacles = 0.0, tuple(obstacle for obstacle in obstacles if not obstacle.moves)
     near = touching(problem.robot, q, (), pairs, problem.attached, t, TOLERANCE)
     near += touching(problem.robot, q, obstacles, (), problem.attached, t, max(problem.clearance, TOLERANCE))
     if near:

@@ -255,12 +255,20 @@ def test_a_time_limit_bounds_the_looking_for_paths_too():
         ([eo.Sphere(0.1, eo.Moving((1, -2, 0), velocity=(0, 1, 0)), "part")], {}, r"goal: 'ball' is 200\.0 mm inside 'part'"),
         ([], {"workspace": eo.Box((2.1, 1, 1), name="room")}, r"start: 'ball' is 50\.0 mm inside 'room -x'"),
         ([post()], {"waypoints": [([0.0, 0.2], 1.0)]}, r"waypoints\[0\]: 'ball' is 100\.0 mm inside 'post'"),
+        ([post()], {"waypoints": [[0.5, 0.5], [0.0, 0.2]]}, r"waypoints\[1\]: 'ball' is 100\.0 mm inside 'post'"),
     ],
 )
 def test_ends_that_touch_are_named_before_anything_is_solved(obstacles, options, said):
     with pytest.raises(ProblemError, match=said) as caught:
         eo.plan(task(*obstacles, **options))
     assert "\n" not in str(caught.value)
+
+
+def test_beside_a_waypoint_without_a_time_only_what_does_not_move_counts():
+    problem = task(crossing(0.5), waypoints=[[0.0, 0.0]])
+    check_ends(problem, problem.goal_position)
+    plan = eo.plan(problem, eo.BSpline(accuracy=None))
+    assert plan.solved and plan.violations.distance > 0
 
 
 def test_an_obstacle_around_the_base_is_refused_and_a_table_under_it_is_not():
