@@ -7,9 +7,8 @@ there is none. What is found does not depend on the number of processes: every p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -26,15 +25,12 @@ from energyopt.planning import Parameterization, plan
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
-from energyopt.progress import bar_on_terminal
+from energyopt.progress import Counter, told
 from energyopt.workers import WorkerError, no_more_processes
 
 _OWN = ("problem", "parameterization", "verbose", "throw")
 _LOST = ("KilledWorker", "WorkerDied", "CommClosedError")
 """Errors of dask.distributed that say that a worker is gone, by name: it is not imported here."""
-
-Counter = Callable[[int, int, int | None], None]
-"""Called with (done, failed, total) whenever a problem ends; the total is None where the iterable does not tell its length."""
 
 
 class FailureStatus(str, Enum):
@@ -133,7 +129,8 @@ def plan_each(
 
 
 def _each(problems: Iterable, place: Place, options: dict, watch: tuple, throw: bool) -> Iterator[Plan | PlanFailure]:
-    with place.open() as executor, _counted(*watch) as ended:
+    with place.open() as executor, told(*watch) as count:
+        ended = lambda job: count(outcome_of(job).solved)
         try:
             for job in in_order(problems, partial(_submit, executor, options), place.window, ended):
                 result = outcome_of(job)
@@ -160,41 +157,22 @@ def _plan_here(problem: Problem, options: dict) -> Plan:
 def outcome_of(job: Job) -> Plan | PlanFailure:
     """The result of a job, whatever became of it; one that is not done was interrupted."""
     problem = None if isinstance(job.item, Undrawn) else job.item
-    fail = partial(PlanFailure, job.number, problem)
     if not job.future.done():
-        return fail(FailureStatus.INTERRUPTED, "interrupted before it was planned")
+        return PlanFailure(job.number, problem, FailureStatus.INTERRUPTED, "interrupted before it was planned")
     try:
         return replace(job.future.result(), problem=problem)
-    except InputError as error:
-        return fail(FailureStatus.BAD_INPUT, one_line(error), error)
     except (Exception, CancelledError) as error:
-        lost = isinstance(error, (WorkerError, BrokenExecutor, CancelledError)) or type(error).__name__ in _LOST
-        status = FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR
-        named = one_line(error) if isinstance(error, EnergyOptError) else f"{type(error).__name__}: {one_line(error)}"
-        return fail(status, named, error)
+        return PlanFailure(job.number, problem, *described(error), error)
 
 
-def one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-@contextmanager
-def _counted(progress: bool | Counter, total: int | None) -> Iterator[Callable[[Job], None]]:
-    """What counts the jobs that end and shows it."""
-    bar = bar_on_terminal() if progress is True else None
-    show = bar or (progress if callable(progress) else None)
-    count = [0, 0]
-
-    def ended(job: Job) -> None:
-        count[0] += 1
-        count[1] += not outcome_of(job).solved
-        show(*count, total)
-
-    try:
-        yield ended if show else lambda job: None
-    finally:
-        if bar is not None:
-            bar.close()
+def described(error: BaseException) -> tuple[FailureStatus, str]:
+    """What an error says of its problem, in one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, InputError):
+        return FailureStatus.BAD_INPUT, text
+    lost = isinstance(error, (WorkerError, BrokenExecutor, CancelledError)) or type(error).__name__ in _LOST
+    named = text if isinstance(error, EnergyOptError) else f"{type(error).__name__}: {text}".removesuffix(": ")
+    return FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR, named
 
 
 def _check(problems: Any, progress: Any, throw: Any, parameterization: Any, options: dict) -> None:

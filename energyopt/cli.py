@@ -53,6 +53,7 @@ def _parser() -> _Parser:
     parser.add_argument("--version", action=_Version, help="versions, the dynamics backend and the compiler in use")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_plan(commands)
+    _add_batch(commands)
     _add_replay(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
@@ -72,7 +73,23 @@ def _add_plan(commands: argparse._SubParsersAction) -> None:
     plan.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
     plan.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
     plan.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
-    given = plan.add_argument_group("in place of what the file says")
+    _add_overrides(plan)
+    plan.set_defaults(command=_plan)
+
+
+def _add_batch(commands: argparse._SubParsersAction) -> None:
+    batch = commands.add_parser("batch", help="plan many problems in parallel, write the results and a table of them")
+    batch.add_argument("problems", nargs="+", metavar="PROBLEM", help="problem files, folders of them, catalogue names")
+    batch.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
+    batch.add_argument("--processes", type=int, metavar="N", help="worker processes; one a core without it")
+    batch.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
+    batch.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
+    _add_overrides(batch)
+    batch.set_defaults(command=_batch)
+
+
+def _add_overrides(command: argparse.ArgumentParser) -> None:
+    given = command.add_argument_group("in place of what the file says")
     given.add_argument("--duration", type=float, metavar="S", help="duration [s]", dest="problem.duration")
     given.add_argument("--velocity-weight", type=float, metavar="LAMBDA", help="weight of Σq̇²", dest="problem.velocity_weight")
     given.add_argument(
@@ -82,7 +99,6 @@ def _add_plan(commands: argparse._SubParsersAction) -> None:
         given.add_argument(f"--{key.replace('_', '-')}", type=int, metavar="N", dest=f"method.{key}")
     given.add_argument("--accuracy", type=_accuracy, metavar="E", help="relative error of J, or none", dest="method.accuracy")
     given.add_argument("--time-limit", type=float, metavar="S", help="stop solving after this time", dest="method.time_limit")
-    plan.set_defaults(command=_plan)
 
 
 def _add_replay(commands: argparse._SubParsersAction) -> None:
@@ -105,12 +121,27 @@ def _plan(parsed: argparse.Namespace) -> int:
     from energyopt.plans import Status
     from energyopt.workflow import run
 
-    overrides = {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
-    problem, options = load_task(parsed.problem, overrides)
+    problem, options = load_task(parsed.problem, _overrides(parsed))
     verbose = sys.stderr.isatty() and not parsed.quiet
     outcome = run(problem, options, parsed.out, replay=not parsed.no_replay, figures=not parsed.no_figures, verbose=verbose)
     code = _shown(outcome, parsed.quiet)
     return INTERRUPTED if outcome.plan.status is Status.INTERRUPTED else code
+
+
+def _batch(parsed: argparse.Namespace) -> int:
+    from energyopt.batch_files import plan_files, problem_files
+    from energyopt.tables import batch_line, batch_total
+
+    show = (lambda row: None) if parsed.quiet else (lambda row: print(batch_line(row), flush=True))
+    options = {"processes": parsed.processes, "replay": not parsed.no_replay, "progress": not parsed.quiet}
+    rows = plan_files(problem_files(parsed.problems), parsed.out, overrides=_overrides(parsed), show=show, **options)
+    if not parsed.quiet:
+        print(batch_total(rows, parsed.out))
+    return VALID if all(row.valid for row in rows) else INVALID
+
+
+def _overrides(parsed: argparse.Namespace) -> dict:
+    return {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
 
 
 def _replay(parsed: argparse.Namespace) -> int:

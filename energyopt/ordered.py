@@ -6,7 +6,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from energyopt.errors import InputError
@@ -43,37 +43,35 @@ def in_order(items: Iterable, submit: Callable[[Any], Future], window: int, ende
     """
     source, over = enumerate(_drawn(items)), queue.SimpleQueue()
     waiting: deque[Job] = deque()
-    begun = told = 0
+    untold: dict[int, Job] = {}
     drawing = True
     try:
-        while drawing or waiting or told < begun:
+        while drawing or waiting or untold:
             if drawing and len(waiting) < window:
-                drawing = _begin_next(source, submit, waiting, over)
-                begun += drawing
+                number, item = next(source, (0, _END))
+                drawing = item is not _END
+                if drawing:
+                    waiting.append(_begun(number, item, submit, over))
+                    untold[number] = waiting[-1]
             elif not (waiting and waiting[0].future.done()):
-                ended(over.get())
-                told += 1
+                ended(untold.pop(over.get()))
             while not over.empty():
-                ended(over.get())
-                told += 1
+                ended(untold.pop(over.get()))
             while waiting and waiting[0].future.done():
                 yield waiting.popleft()
     except KeyboardInterrupt:
-        raise Interrupted(list(waiting)) from None
+        # What is cancelled now, or lost with its worker, did not end by itself: a future that never is done says so.
+        raise Interrupted([job if job.future.done() else replace(job, future=Future()) for job in waiting]) from None
     finally:
         for job in waiting:
             job.future.cancel()
 
 
-def _begin_next(source: Iterator, submit: Callable[[Any], Future], waiting: deque[Job], over: queue.SimpleQueue) -> bool:
-    """Begin the next job; False where there is none."""
-    number, item = next(source, (0, _END))
-    if item is _END:
-        return False
+def _begun(number: int, item: Any, submit: Callable[[Any], Future], over: queue.SimpleQueue) -> Job:
+    """A job whose number is put into a queue once it is done. (A future keeps what it calls: the job itself would never go.)"""
     job = Job(number, item, _submitted(submit, item))
-    waiting.append(job)
-    job.future.add_done_callback(lambda _: over.put(job))
-    return True
+    job.future.add_done_callback(lambda _: over.put(number))
+    return job
 
 
 _END = object()

@@ -11,7 +11,8 @@ import io
 import pickle
 import traceback
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -95,13 +96,19 @@ def _robot(data: bytes) -> RobotModel:
 
 
 def plan_parcel(parcel: Parcel, options: Mapping[str, Any]) -> Any:
-    """In a worker: plan what a parcel asks for. The plan goes back without its problem, an error with its traceback as a note."""
+    """In a worker: plan what a parcel asks for; the plan goes back without its problem."""
     from energyopt.planning import plan
     from energyopt.workers import no_more_processes
 
+    with no_more_processes(), noted():
+        return replace(plan(unpacked(parcel), throw=False, **options), problem=None)
+
+
+@contextmanager
+def noted() -> Iterator[None]:
+    """Errors nobody foresaw get their traceback as a note: it does not travel otherwise."""
     try:
-        with no_more_processes():
-            return replace(plan(unpacked(parcel), throw=False, **options), problem=None)
+        yield
     except Exception as error:
         if not isinstance(error, EnergyOptError):
             error.add_note("".join(traceback.format_exception(error)))

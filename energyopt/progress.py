@@ -5,11 +5,15 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 BETWEEN = 0.1
 """Seconds between two drawings, at least."""
 WIDTH = 30
+Counter = Callable[[int, int, int | None], None]
+"""Called with (done, failed, total) whenever something ends; the total is None where nobody knows it."""
 _ERASE = "\r\x1b[K"
 
 
@@ -29,15 +33,45 @@ class Bar:
         self._stream.write(_ERASE + line(done, failed, total, now - self._began)[: columns - 1])
         self._stream.flush()
 
-    def close(self) -> None:
+    def clear(self) -> None:
         """Leave the line as it was."""
+        self._drawn = -BETWEEN
         self._stream.write(_ERASE)
         self._stream.flush()
 
 
-def bar_on_terminal() -> Bar | None:
-    """A bar, or None where nobody would see it."""
-    return Bar() if sys.stderr is not None and sys.stderr.isatty() else None
+class Tally:
+    """Counts what ends, and tells it.
+
+    Args:
+        progress: what to tell; True draws a bar, where standard error is a terminal.
+        total: how many there are.
+    """
+
+    def __init__(self, progress: bool | Counter, total: int | None):
+        self._bar = Bar() if progress is True and sys.stderr is not None and sys.stderr.isatty() else None
+        self._show, self._total = self._bar or (progress if callable(progress) else None), total
+        self.done = self.failed = 0
+
+    def __call__(self, good: bool) -> None:
+        self.done, self.failed = self.done + 1, self.failed + (not good)
+        if self._show is not None:
+            self._show(self.done, self.failed, self._total)
+
+    def clear(self) -> None:
+        """Make room for other text on the terminal; the next call draws the bar anew."""
+        if self._bar is not None:
+            self._bar.clear()
+
+
+@contextmanager
+def told(progress: bool | Counter, total: int | None) -> Iterator[Tally]:
+    """A tally to be called with whether it is good, whenever something ends; its bar goes with the block."""
+    tally = Tally(progress, total)
+    try:
+        yield tally
+    finally:
+        tally.clear()
 
 
 def line(done: int, failed: int, total: int | None, seconds: float) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from energyopt.batch_files import Row
 from energyopt.robots import RobotModel
 from energyopt.verification import excessive
 from energyopt.workflow import Outcome
@@ -38,6 +39,23 @@ def outcome_table(outcome: Outcome) -> str:
     lines = [f"  {label:<{width}}  {text}" for label, text in rows]
     lines += [f"  {'note':<{width}}  {note}" for note in plan.notes]
     return "\n".join([plan.problem.name or "problem", *lines])
+
+
+def batch_line(row: Row) -> str:
+    """One problem of a batch in one line; where it is not valid, the reason."""
+    verdict = "valid" if row.valid else row.status
+    if not row.valid or row.objective is None:
+        return f"  {verdict:<16}  {row.name:<24}  {row.message}"
+    saving = "" if row.saving_percent is None else f"{-row.saving_percent:+.1f} % against the {REFERENCE}"
+    sizes = f"{row.duration_s:6.3g} s   J {row.objective:<10.6g}"
+    return f"  {verdict:<16}  {row.name:<24}  {row.robot:<12}  {sizes}  {saving:<28}  {row.plan_s:.2f} s to plan"
+
+
+def batch_total(rows: list[Row], out: Path | None) -> str:
+    """How many are solved and valid, and where the results are."""
+    valid = sum(row.valid for row in rows)
+    where = "" if out is None else f"; results in {_shown(out)}, tables in results.csv and results.json there"
+    return f"{valid} of {len(rows)} problems are solved and valid{where}"
 
 
 def robots_table(names: tuple[str, ...], load: Callable[[str], RobotModel]) -> str:

@@ -162,15 +162,25 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def prepare_folder(out: Path) -> None:
-    """Make the folder, or make sure that what it holds may be replaced.
+def write_results(plan: Plan, summary: Mapping[str, Any], out: Path) -> None:
+    """Write the data files of a plan that was judged elsewhere.
+
+    Raises:
+        FileError: a file cannot be written.
+    """
+    _write_motion(plan, out)
+    _write_summary(summary, out)
+
+
+def prepare_folder(out: Path, names: tuple[str, ...] = (*DATA_FILES, *FIGURE_FILES)) -> None:
+    """Make the folder, or make sure that files of these names in it may be replaced.
 
     Raises:
         FileError: it cannot be made or written, or holds files of these names that energyopt did not write.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
-        present = [name for name in (*DATA_FILES, *FIGURE_FILES) if (out / name).exists()]
+        present = [name for name in names if (out / name).exists()]
         if present and not (out / MARKER).exists():
             raise FileError(f"{out}: holds {present[0]} that energyopt did not write; choose another folder, or move it away")
     except FileExistsError:
@@ -192,13 +202,17 @@ def _replayed(plan: Plan, options: Mapping[str, Any]) -> tuple[ReplayLog | None,
 
 def _with_files(outcome: Outcome, out: Path, figures: bool) -> Outcome:
     """Write what is said of the motion beside the motion."""
-    text = json.dumps(outcome.summary, indent=2, ensure_ascii=False, allow_nan=False)
-    with whole_files():
-        write_atomic(out / "summary.json", (text + "\n").encode())
+    _write_summary(outcome.summary, out)
     if figures:
         _draw(outcome.plan, outcome.log, outcome.report, out)
     names = (*DATA_FILES, *FIGURE_FILES)
     return replace(outcome, files=tuple(out / name for name in names if (out / name).exists()))
+
+
+def _write_summary(summary: Mapping[str, Any], out: Path) -> None:
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+    with whole_files():
+        write_atomic(out / "summary.json", (text + "\n").encode())
 
 
 def _write_motion(plan: Plan, out: Path) -> None:

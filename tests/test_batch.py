@@ -1,12 +1,14 @@
 """plan_many gives every problem its own result, in order, wherever and by however many processes it is planned."""
 
 import ast
+import gc
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+import weakref
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -93,6 +95,19 @@ def test_thousands_are_drawn_as_they_are_needed(monkeypatch):
     for k in range(12):
         assert next(results).problem.name == f"move {k}" and len(drawn) <= k + 6
     results.close()
+
+
+def test_results_that_nobody_keeps_are_gone():
+    seen = []
+    gc.collect()
+    gc.disable()  # what waits for the collector of cycles is not gone
+    try:
+        for plan in eo.plan_each(moves(6), SPLINE, processes=1, progress=False):
+            assert sum(one() is not None for one in seen) <= 1
+            seen.append(weakref.ref(plan))
+    finally:
+        gc.enable()
+    assert len(seen) == 6
 
 
 def test_an_iterable_that_fails_ends_the_batch_with_its_reason(four):
@@ -227,6 +242,7 @@ def test_after_ctrl_c_everything_that_was_done_is_kept_and_no_process_is_left(fo
     counts, objectives = run(code).stdout.splitlines()
     solved, rest = counts.split(" ", 1)
     assert 4 <= int(solved) < 20 and "SOLVED" in rest and "INTERRUPTED" in rest and rest.endswith("[]")
+    assert "WORKER_LOST" not in rest
     found = ast.literal_eval(objectives)
     assert all(one in (None, plan.objective) for one, plan in zip(found, four[1], strict=True)) and any(found)
 

@@ -28,7 +28,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "robust",
     "validation validation_text",
     "plots plotting report report_parts report_problem report_scene",
-    "workflow",
+    "workflow batch_files",
     "tables",
     "cli",
     "__main__",
