@@ -24,6 +24,8 @@ COARSE, FINE = 3, 20
 """Samples a span: places at which rows may stand, and at which limits are looked at."""
 NEAR = 0.93
 """Share of a limit from which a place gets a row."""
+BEFORE = 1e-8
+"""Share of the duration before a break at which its left side is looked at: there the jerk jumps."""
 PEAK = 0.98
 """Share of a limit from which a peak between samples is looked for."""
 EXCEEDED = 1e-7
@@ -31,7 +33,10 @@ EXCEEDED = 1e-7
 MARGIN = 1e-5
 """Share of the limits kept back for what happens between the samples; doubled in late rounds."""
 LATE = 5
+ITERATIONS = 100
+"""Of one solve: one that needs more, such as a first one without rows, goes on in the next round."""
 BARRIER, WARM_BARRIER = 1e-1, 1e-6
+_GO_ON = (Outcome.CONVERGED, Outcome.ACCEPTABLE, Outcome.ITERATION_LIMIT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +77,7 @@ class LawResult:
 def optimal_law(request: LawRequest, guess: Trajectory, stop: Callable[[], bool] | None = None) -> LawResult:
     """The law of least J from a guess s(t); ``stop`` ends the search, with the last law kept."""
     path, margin = request.profile.path, request.margin
-    space = LawSpace(request.spans, path.duration)
+    space = LawSpace(request.spans, path.duration, _quick(request))
     wanted = end_rows(request.ends, path.duration)
     c, T = space.guess(guess), float(np.clip(guess.duration, *request.durations))
     found = _near(request, space, space.law(c, T))
@@ -81,17 +86,23 @@ def optimal_law(request: LawRequest, guess: Trajectory, stop: Callable[[], bool]
     for number in range(1, ROUNDS + 1):
         rows = SampleRows.joined([wanted, _limit_rows(request.limits, *found, margin)])
         program = LawProgram(request.profile, space, request.ends, weights, request.durations, rows)
-        solved = solve(program, program.unknowns(c, T), SolverOptions(tolerance=1e-7, barrier=barrier), stop=stop)
+        solved = solve(program, program.unknowns(c, T), SolverOptions(1e-6, ITERATIONS, barrier), stop=stop)
         iterations, barrier = iterations + solved.iterations, WARM_BARRIER
         c, T = program.coefficients(solved.x), program.duration(solved.x)
         law = space.law(c, T)
         result = LawResult(law, solved.outcome, iterations, number, len(found[0]))
         exceeded = _exceeded(request, law)
-        if not len(exceeded[0]) or solved.outcome not in (Outcome.CONVERGED, Outcome.ACCEPTABLE):
+        if solved.outcome not in _GO_ON or (not len(exceeded[0]) and solved.outcome is not Outcome.ITERATION_LIMIT):
             break
         found = _merged(found, _near(request, space, law), exceeded)
         margin *= 2.0 if number >= LATE else 1.0
     return result
+
+
+def _quick(request: LawRequest) -> tuple[bool, bool]:
+    """At which ends the acceleration rises from zero and no jerk limit says how fast."""
+    free = request.ends.smooth and not np.any(np.isfinite(request.limits.jerk))
+    return tuple(free and speed is not None for speed in request.ends.speeds)
 
 
 def _scaled_weights(request: LawRequest, space: LawSpace, c: np.ndarray, T: float) -> tuple[np.ndarray, ...]:
@@ -124,7 +135,8 @@ def _usage(request: LawRequest, law: Trajectory, t: np.ndarray) -> dict[str, np.
 def _near(request: LawRequest, space: LawSpace, law: Trajectory) -> tuple[np.ndarray, ...]:
     """Coarse samples at which a law comes near to a limit: σ, kind and joint, each (R,)."""
     b = space.breaks
-    sigma = np.append((b[:-1, None] + np.diff(b)[:, None] * np.arange(COARSE) / COARSE).ravel(), 1.0)
+    inside = (b[:-1, None] + np.diff(b)[:, None] * np.arange(COARSE) / COARSE).ravel()
+    sigma = np.concatenate([inside, b[1:] - BEFORE])
     parts = []
     for kind, usage in _usage(request, law, sigma * law.duration).items():
         node, joint = np.nonzero(usage > NEAR)
@@ -134,7 +146,9 @@ def _near(request: LawRequest, space: LawSpace, law: Trajectory) -> tuple[np.nda
 
 def _exceeded(request: LawRequest, law: Trajectory) -> tuple[np.ndarray, ...]:
     """Places where a limit is exceeded most, as `_near`: peaks among fine samples, and vertices of parabolas through them."""
-    t = PathTrajectory(request.profile.path, law).sample_times(FINE)
+    motion = PathTrajectory(request.profile.path, law)
+    before = motion.breaks[1:] - BEFORE * law.duration
+    t = np.sort(np.concatenate([motion.sample_times(FINE), before]))
     parts = []
     for kind, usage in _usage(request, law, t).items():
         padded = np.pad(usage, ((1, 1), (0, 0)), constant_values=-np.inf)

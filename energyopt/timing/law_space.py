@@ -1,4 +1,6 @@
-"""Time laws with finitely many numbers: s(t) = L Σ_j B_j(t/T) c_j, cubic splines on even spans, shorter ones at both ends.
+"""Time laws with finitely many numbers: s(t) = L Σ_j B_j(t/T) c_j, cubic splines on even spans.
+
+Where the acceleration has to rise from zero at once, which an optimum wants to, two ever shorter spans stand at each end.
 
 The derivative of a spline lies in the hull of its differences c_{j+1} − c_j: where none is negative, ṡ ≥ 0 for all t. A law
 that begins at rest has c₀ = c₁ = 0, without acceleration c₂ = 0 too; at the goal likewise with 1 in place of 0.
@@ -12,10 +14,11 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline as ScipySpline
 
-from energyopt.parameterizations.bspline import graded_breaks
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory, gauss_on_spans
 
 DEGREE = 3
+EDGE = np.array([1.0 / 16.0, 1.0 / 4.0])
+"""Where the first even span is divided at a quick end."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +43,13 @@ class LawSpace:
     """The splines of a law.
 
     Attributes:
-        spans: number of spans. length: L of the path.
+        spans: number of even spans. length: L of the path.
+        quick: whether the first and the last of them are divided.
     """
 
     spans: int
     length: float
+    quick: tuple[bool, bool] = (True, True)
 
     @cached_property
     def knots(self) -> np.ndarray:
@@ -54,7 +59,9 @@ class LawSpace:
 
     @cached_property
     def breaks(self) -> np.ndarray:
-        return graded_breaks(1.0, self.spans)
+        even = np.arange(self.spans + 1.0)
+        edges = [EDGE if self.quick[0] else [], self.spans - EDGE if self.quick[1] else []]
+        return np.sort(np.concatenate([even, *edges])) / self.spans
 
     @property
     def size(self) -> int:
