@@ -224,10 +224,7 @@ def _plan(task: _Task, found: LawResult, spans: int, spent: dict[str, float]) ->
     solved = (Status.SOLVED, "the path keeps its geometry; every limit holds on the dense check")
     status, message = _STATUS.get(found.outcome) or (solved if is_valid(violations) else broken)
     if status is not Status.SOLVED:
-        least = (
-            "" if task.fastest is None else f"; at least {task.fastest.duration:.4g} s are needed, with accelerations that jump"
-        )
-        message = f"{message} ({describe(violations)}{least})"
+        message = f"{message} ({describe(violations)}{_known_durations(task)})"
     options = {"method": "retime", "spans": spans, "rounds": found.rounds, "limit_rows": found.rows}
     if task.fastest is not None:
         options["least_duration_s"] = task.fastest.duration
@@ -236,6 +233,21 @@ def _plan(task: _Task, found: LawResult, spans: int, spent: dict[str, float]) ->
         violations=violations, discretization_error=None, iterations=found.iterations,
         time_s=spent | {"verify": time.perf_counter() - began}, seed=0, options=options, notes=problem.robot.notes,
     )  # fmt: skip
+
+
+def _known_durations(task: _Task) -> str:
+    """Which durations are too short and which will do, for messages."""
+    words = ""
+    if task.fastest is not None:
+        words = f"; at least {task.fastest.duration:.4g} s are needed, with accelerations that jump"
+    if task.ends.speeds == (0.0, 0.0):
+        quintic = PathTrajectory(task.curve, smooth_law(task.curve, 1.0))
+        try:
+            enough = uniform_scaling(quintic, task.problem.robot).least_duration(task.problem.limits)
+        except InputError:
+            return words
+        words += f"; {enough:.4g} s are enough for a quintic law"
+    return words
 
 
 def _end_rates(task: _Task, motion: Trajectory) -> dict[str, np.ndarray]:

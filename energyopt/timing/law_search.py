@@ -20,6 +20,8 @@ from energyopt.timing.law_space import Ends, LawSpace
 from energyopt.timing.profile import PathProfile, bounds_of
 
 ROUNDS = 15
+MISSES = 2
+"""Solves that may run out of iterations; where more do, the limits leave no law."""
 COARSE, FINE = 3, 20
 """Samples a span: places at which rows may stand, and at which limits are looked at."""
 NEAR = 0.93
@@ -81,7 +83,7 @@ def optimal_law(request: LawRequest, guess: Trajectory, stop: Callable[[], bool]
     wanted = end_rows(request.ends, path.duration)
     c, T = space.guess(guess), float(np.clip(guess.duration, *request.durations))
     found = _near(request, space, space.law(c, T))
-    iterations, barrier = 0, BARRIER
+    iterations, misses, barrier = 0, 0, BARRIER
     weights = _scaled_weights(request, space, c, T)
     for number in range(1, ROUNDS + 1):
         rows = SampleRows.joined([wanted, _limit_rows(request.limits, *found, margin)])
@@ -91,8 +93,9 @@ def optimal_law(request: LawRequest, guess: Trajectory, stop: Callable[[], bool]
         c, T = program.coefficients(solved.x), program.duration(solved.x)
         law = space.law(c, T)
         result = LawResult(law, solved.outcome, iterations, number, len(found[0]))
-        exceeded = _exceeded(request, law)
-        if solved.outcome not in _GO_ON or (not len(exceeded[0]) and solved.outcome is not Outcome.ITERATION_LIMIT):
+        exceeded, unfinished = _exceeded(request, law), solved.outcome is Outcome.ITERATION_LIMIT
+        misses += unfinished
+        if solved.outcome not in _GO_ON or misses > MISSES or not (len(exceeded[0]) or unfinished):
             break
         found = _merged(found, _near(request, space, law), exceeded)
         margin *= 2.0 if number >= LATE else 1.0
