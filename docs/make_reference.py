@@ -108,7 +108,7 @@ MEANINGS = {
     "problem.cost.type": "of the term (see [energy](energy.md)); all terms together are J, in place of the two weights above",
     "problem.cost.weight": "factor of the term in J; 1 without it",
     "problem.cost.weights": "of the joints; 1 without it",
-    "problem.cost.smoothing": "width over which kinks in power are smoothed; 0.5 without it",
+    "problem.cost.smoothing": "width over which kinks in power are smoothed; 0.2 without it",
     "limits.position": "for this problem, in place of the robot's",
     "limits.velocity": "for this problem, in place of the robot's",
     "limits.acceleration": "for this problem, in place of the robot's",

@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from energyopt.arguments import check_planning
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign, Parameterization
+from energyopt.costs import smoothing_notes
 from energyopt.dynamics import backend
 from energyopt.dynamics.compiler import why_interpreted
 from energyopt.dynamics.kernels import kernels_of
@@ -149,6 +150,7 @@ def _notes(campaign: Campaign, search: Search) -> tuple[str, ...]:
         notes.append(reason)
     if search.reason.startswith("refinement stopped"):
         notes.append(search.reason)
+    notes += smoothing_notes(search.problem.cost_terms, search.problem.robot, search.trajectory)
     return tuple(notes)
 
 

@@ -100,7 +100,7 @@ def test_smooth_and_exact_agree_away_from_the_kinks_and_at_rest(term):
     tau, v = sign * rng.uniform(8, 20, (50, NV)), rng.choice([-1.0, 1.0], (50, NV)) * rng.uniform(2, 3, (50, NV))
     far = Samples(tau, v, v, v, tau)
     far = far if term.name != "electrical_energy" else _away_from_zero_supply(term, far)
-    # |P| ≥ 16 W is 32 widths: what is left of 1 − tanh lies below rounding.
+    # |P| ≥ 16 W is 80 widths: what is left of 1 − tanh lies below rounding.
     np.testing.assert_allclose(term.integrand(far).value, term.exact(far), rtol=1e-12)
     still = replace(far, v=np.zeros_like(far.v), a=np.zeros_like(far.v), jerk=np.zeros_like(far.v))
     np.testing.assert_allclose(term.integrand(still).value, term.exact(still), rtol=1e-2)
@@ -160,7 +160,7 @@ def test_holding_a_torque_costs_what_the_winding_burns_and_the_brakes_and_standb
     at = Samples(still, still, still, still, tau)
     term = costs.ElectricalEnergy(drives)
     assert term.exact(at)[0] == pytest.approx(expected, rel=1e-14)
-    # κτ² lies 57 widths above zero: smoothing has no part in it.
+    # κτ² lies 144 widths above zero: smoothing has no part in it.
     assert term.integrand(at).value[0] == pytest.approx(expected, rel=1e-12)
 
 

@@ -34,6 +34,15 @@ def test_a_motion_planned_for_a_term_is_the_best_of_all_by_that_term(name):
     assert set(planned(name).cost_terms) == {name}
 
 
+def test_a_plan_says_what_smoothing_changes():
+    notes = [note for note in planned("mechanical_power").notes if "smoothed" in note]
+    motion, term = planned("mechanical_power").trajectory, costs.MechanicalPower()
+    exact, lost = costs.integral(term, arm(), motion, exact=True), costs.smoothing_error(term, arm(), motion)
+    assert notes == [f"mechanical_power is smoothed over 0.2 W, which puts it {lost:.2g} J below the exact {exact:.4g} J."]
+    assert 0 < lost < 0.01 * exact
+    assert not any("smoothed" in note for note in planned("torque_squared").notes)
+
+
 def test_work_against_gravity_is_the_least_that_power_terms_can_come_to():
     # Rest to rest without friction ∫Σ τ q̇ dt is the potential energy gained, and neither |P| nor max(P, 0) can be less.
     at = lambda q: float(arm().dynamics.energy(np.array([q]), np.zeros((1, 2)))[0])

@@ -4,7 +4,7 @@ from energyopt.costs.acceleration_squared import AccelerationSquared
 from energyopt.costs.cost import CostTerm, Integrand, Samples, checked_costs, formula
 from energyopt.costs.electrical_energy import ElectricalEnergy
 from energyopt.costs.jerk_squared import JerkSquared
-from energyopt.costs.measure import integral, samples_of, smoothing_error
+from energyopt.costs.measure import integral, samples_of, smoothing_error, smoothing_notes
 from energyopt.costs.mechanical_power import MechanicalPower
 from energyopt.costs.positive_power import PositivePower
 from energyopt.costs.torque_squared import TorqueSquared
@@ -41,4 +41,5 @@ __all__ = [
     "integral",
     "samples_of",
     "smoothing_error",
+    "smoothing_notes",
 ]

@@ -5,11 +5,12 @@ Kinks of a power lie anywhere within a span of the motion, so each span is cut i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from energyopt.costs.cost import CostTerm, Samples
+from energyopt.costs.power import SmoothTerm
 from energyopt.parameterizations.trajectory import Trajectory, gauss_on_spans
 from energyopt.robots.model import RobotModel
 
@@ -32,6 +33,17 @@ def smoothing_error(term: CostTerm, robot: RobotModel, trajectory: Trajectory) -
     """∫ (exact φ − smooth φ) dt over the motion, without the weight, in the unit of the term; 0 for a term without kinks."""
     term = term.fitted(robot)
     return _integral(robot, trajectory, lambda samples: term.exact(samples) - term.integrand(samples).value)
+
+
+def smoothing_notes(terms: Sequence[CostTerm], robot: RobotModel, trajectory: Trajectory) -> list[str]:
+    """What smoothing changes in each term that has kinks, one sentence each."""
+    notes = []
+    for term in terms:
+        if isinstance(term, SmoothTerm) and term.weight > 0:
+            exact, lost = integral(term, robot, trajectory, exact=True), smoothing_error(term, robot, trajectory)
+            gap = f"{abs(lost):.2g} {term.unit} {'below' if lost >= 0 else 'above'} the exact {exact:.4g} {term.unit}"
+            notes.append(f"{term.name} is smoothed over {term.smoothing:g} W, which puts it {gap}.")
+    return notes
 
 
 def _integral(robot: RobotModel, trajectory: Trajectory, of: Callable[[Samples], np.ndarray]) -> float:

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-DEFAULT_WIDTH = 0.5
-"""[W], where none is given: a percent or so of the power at which arms of ten kilograms and more move."""
+DEFAULT_WIDTH = 0.2
+"""[W], where none is given. Moves of 10 J by arms of 20 kg then come out 1–4 % below their exact energy, in twice the iterations
+that 1 W takes; at 0.05 W it is below 1 %, in three to four times. The motions found hardly differ in exact energy."""
 WORST_SHARE = 0.27846454276107379
 """max over x of x (1 − tanh x) (it is W(1/e), Lambert's function): what smoothing |x| takes away at most, in widths."""
 
