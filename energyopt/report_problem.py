@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from energyopt.actuators import Actuators
 from energyopt.costs import formula
 from energyopt.geometry.exact import obstacle_names
 from energyopt.problem import FramePose, Problem
@@ -40,7 +41,15 @@ def _asked(problem: Problem) -> Markup:
         ("Coulomb friction", dynamics.coulomb_friction, "N·m"),
     ):
         facts[name] = f"{_values(value)} {unit}" if np.any(value) else "none"
+    if problem.robot.actuators is not None:
+        facts["Drives"] = _drives(problem.robot.actuators)
     return section("What was asked", definitions(facts | _kept_clear(problem)))
+
+
+def _drives(drives: Actuators) -> str:
+    bus = "one shared bus" if drives.shared_bus else "each for itself"
+    power = f"{drives.constant_power:.4g} W drawn at all times"
+    return "; ".join([bus, power, *([f"from {drives.source}"] if drives.source else [])])
 
 
 def _kept_clear(problem: Problem) -> dict[str, str]:
