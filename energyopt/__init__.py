@@ -48,6 +48,7 @@ _HOME = {
     "plan_many": "batch",
     "plan_robust": "robust",
     "plot_clearance": "plotting",
+    "plot_energy": "plotting",
     "plot_joints": "plotting",
     "plot_metrics": "plotting",
     "plot_scene": "plotting",

@@ -14,6 +14,7 @@ from energyopt.io import write_atomic
 from energyopt.plans import Plan, Status, Violations
 from energyopt.plots.svg import inline_svg
 from energyopt.plotting import plot_joints, plot_metrics
+from energyopt.report_energy import energy_sections
 from energyopt.report_parts import Cell, Markup, definitions, escape, numbers, percent, plain_name, section, table
 from energyopt.report_problem import problem_sections
 from energyopt.report_scene import scene_sections
@@ -55,6 +56,7 @@ def report_page(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> 
         _headline(plan, report),
         _baselines(plan, report),
         _figure("How it moves", plot_metrics(plan, log), "over-time", "Power, acceleration, energy and velocity over time."),
+        *energy_sections(plan, report),
         *scene_sections(plan, log),
         _limits(plan, report),
         _figure("Joints against their limits", plot_joints(plan, log), "joints", "Position, velocity and torque of every joint."),

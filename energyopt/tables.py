@@ -25,6 +25,7 @@ def outcome_table(outcome: Outcome) -> str:
         ("motion", f"{robot.name}, {robot.nv} joints, {plan.duration:g} s"),
         ("objective J", f"{plan.objective:.6g}{_shares(outcome)}{_estimate(outcome)}"),
         ("mechanical energy", _energy(outcome)),
+        *_electrical(outcome),
         (f"against {REFERENCE}", _saving(outcome)),
         *_margins(outcome),
         *_clearance(outcome),
@@ -108,6 +109,16 @@ def _energy(outcome: Outcome) -> str:
     if replayed is None:
         return planned
     return f"{planned}, {replayed.mechanical_abs_J:.4g} J replayed ({outcome.report.energy_gap_percent:+.3f} %)"
+
+
+def _electrical(outcome: Outcome) -> list[tuple[str, str]]:
+    """Input of the drives, where they are known."""
+    account, other = outcome.report.account, outcome.report.baselines[REFERENCE]
+    if account.electrical_J is None or other.account is None:
+        return []
+    causes = ", ".join(f"{cause} {value:.3g}" for cause, value in account.totals().items() if abs(value) >= 5e-4)
+    saving = f"{_percent(other.electrical_saving_percent)} than the {REFERENCE}'s {other.account.electrical_J:.4g} J"
+    return [("electrical energy", f"{account.electrical_J:.4g} J ({causes}), {saving}")]
 
 
 def _saving(outcome: Outcome) -> str:

@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from energyopt.arguments import check_log, check_plan
 from energyopt.baselines import BASELINES, baseline
+from energyopt.energy import EnergyAccount, electrical_energy, energy_account
 from energyopt.metrics import Metrics, metrics, metrics_of_log
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Violations
@@ -63,7 +64,8 @@ class BaselineComparison:
     Attributes:
         objective: its J; cost_terms: by term. metrics: of the motion.
         saving_percent: 100 (1 − J_plan / J), both without the potential; energy_saving_percent: the same for Σ∫|τq̇|dt; None
-            where it costs nothing.
+            where it costs nothing. electrical_saving_percent: the same for the electrical input.
+        account: where its joules go; None where the robot's drives are unknown.
         within_limits: whether it holds every limit and keeps clear of everything. valid: whether it meets every condition of
             the problem besides.
         violations: of its own dense check.
@@ -77,6 +79,8 @@ class BaselineComparison:
     within_limits: bool
     valid: bool
     violations: Violations
+    account: EnergyAccount | None = None
+    electrical_saving_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,7 @@ class ValidationReport:
     Attributes:
         objective, cost_terms: J of the plan, recomputed. violations: of the dense check.
         plan_metrics, replay_metrics: numbers of both motions; the second None without a replay.
+        account: where the plan's joules go. replay_electrical_J: input of the replayed arm; None without replay or drives.
         inverse_dynamics_error: largest relative torque difference to MuJoCo.
         baselines: by name. tracking: None without a replay.
         energy_gap_percent: 100 (E_replay − E_plan) / E_plan for Σ∫|τq̇|dt; None without a replay.
@@ -117,6 +122,8 @@ class ValidationReport:
     saturated_steps: int | None
     touches: tuple[Contact, ...] | None
     checks: tuple[Check, ...]
+    account: EnergyAccount
+    replay_electrical_J: float | None = None
 
     @property
     def passed(self) -> bool:
@@ -159,7 +166,8 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
     violations, terms = verify(problem, trajectory), cost(problem, trajectory)
     ours, objective = metrics(problem, trajectory), sum(terms.values())
     inverse_error = check_inverse_dynamics(problem.robot, trajectory)
-    compared = compare_baselines(problem, trajectory, terms, ours)
+    account = energy_account(trajectory, problem.robot)
+    compared = compare_baselines(problem, trajectory, terms, ours, account.electrical_J)
     losses = [-saving for b in compared.values() if b.valid and (saving := _saving(objective, b.objective)) is not None]
     values = {
         "conditions broken": float(len(excessive(violations))),
@@ -191,17 +199,20 @@ def validate_motion(problem: Problem, trajectory: Trajectory, log: ReplayLog | N
         saturated_steps=None if log is None else log.saturated_steps,
         touches=None if log is None or log.contacts is None else log.touches,
         checks=tuple(Check(name, value, *THRESHOLDS[name]) for name, value in values.items()),
+        account=account,
+        replay_electrical_J=None if log is None else _replayed_joules(problem.robot, log),
     )
 
 
 def compare_baselines(
-    problem: Problem, trajectory: Trajectory, our_terms: dict[str, float], ours: Metrics
+    problem: Problem, trajectory: Trajectory, our_terms: dict[str, float], ours: Metrics, electrical: float | None = None
 ) -> dict[str, BaselineComparison]:
-    """Every kind of `BASELINES` to the configuration the motion ends in, beside the motion's terms of J and metrics."""
+    """Every kind of `BASELINES` to the configuration the motion ends in, beside the motion's terms of J, metrics and joules."""
     compared = {}
     for kind in BASELINES:
         motion = baseline(problem, kind, goal=trajectory(trajectory.duration))
         terms, violations, theirs = cost(problem, motion), verify(problem, motion), metrics(problem, motion, n=800)
+        account = None if electrical is None else energy_account(motion, problem.robot)
         compared[kind] = BaselineComparison(
             objective=sum(terms.values()),
             cost_terms=terms,
@@ -211,6 +222,8 @@ def compare_baselines(
             within_limits=limits_hold(violations) and "clearance" not in excessive(violations),
             valid=is_valid(violations),
             violations=violations,
+            account=account,
+            electrical_saving_percent=None if account is None else _saving(electrical, account.electrical_J),
         )
     return compared
 
@@ -258,6 +271,11 @@ def _effort(terms: dict[str, float]) -> float:
 
 def _saving(ours: float, theirs: float) -> float | None:
     return 100.0 * (1.0 - ours / theirs) if theirs > 1e-12 else None
+
+
+def _replayed_joules(robot: RobotModel, log: ReplayLog) -> float | None:
+    """Electrical input of a replay; None where the drives are unknown."""
+    return None if robot.actuators is None else electrical_energy(robot.actuators, log.t, log.tau, log.v)
 
 
 def _replay_excess(problem: Problem, log: ReplayLog) -> float:

@@ -22,6 +22,7 @@ def report_table(report: ValidationReport) -> str:
     if replayed is not None:
         lines.append(f"{'replay':14} {'':>11} {replayed.mechanical_abs_J:14.4g}   gap {report.energy_gap_percent:+.3f} %")
     lines += [_baseline_line(name, b) for name, b in report.baselines.items()]
+    lines += ["", *_joules(report)]
     lines += ["", f"{'check':28} {'value':>11} {'at most':>9}"]
     for check in report.checks:
         mark = "ok" if check.passed else "FAILED"
@@ -42,6 +43,8 @@ def report_dict(report: ValidationReport) -> dict[str, Any]:
             "mechanical_abs_J": ours.mechanical_abs_J,
             "mechanical_positive_J": ours.mechanical_positive_J,
             "energy_error_J": ours.energy_error_J,
+            "electrical_J": report.account.electrical_J,
+            "account": report.account.as_dict(),
         },
         "metrics": ours.as_dict(),
         "smoothness": _smoothness(ours.as_dict()),
@@ -65,6 +68,7 @@ def report_dict(report: ValidationReport) -> dict[str, Any]:
             "energy_mechanical_abs_J": replayed.mechanical_abs_J,
             "energy_mechanical_positive_J": replayed.mechanical_positive_J,
             "energy_gap_percent": report.energy_gap_percent,
+            "energy_electrical_J": report.replay_electrical_J,
             "torque_squared": replayed.torque_squared,
             "saturated_steps": report.saturated_steps,
             "smoothness": _smoothness(replayed.as_dict()),
@@ -82,6 +86,19 @@ def _baseline_line(name: str, b: BaselineComparison) -> str:
     return f"{name:14} {b.objective:11.5g} {b.metrics.mechanical_abs_J:14.4g} {savings}  {holds}"
 
 
+def _joules(report: ValidationReport) -> list[str]:
+    """Where the joules go, and what the supply delivers for the baselines."""
+    from energyopt.energy.text import cause_lines
+
+    lines = cause_lines(report.account)
+    words = []
+    for name, b in report.baselines.items():
+        if b.account is not None:
+            saved = "–" if b.electrical_saving_percent is None else f"{b.electrical_saving_percent:.1f} %"
+            words.append(f"{name} {b.account.electrical_J:.4g} J ({saved})")
+    return [*lines, f"of the same duration (saved): {', '.join(words)}"] if words else lines
+
+
 def _baseline_dict(b: BaselineComparison) -> dict[str, Any]:
     return {
         "objective": b.objective,
@@ -91,6 +108,9 @@ def _baseline_dict(b: BaselineComparison) -> dict[str, Any]:
         "velocity_squared": b.metrics.velocity_squared,
         "saving_percent": b.saving_percent,
         "energy_saving_percent": b.energy_saving_percent,
+        "electrical_J": None if b.account is None else b.account.electrical_J,
+        "electrical_saving_percent": b.electrical_saving_percent,
+        "account": None if b.account is None else b.account.as_dict(),
         "within_limits": b.within_limits,
         "valid": b.valid,
         "max_violation": _violations(b.violations),

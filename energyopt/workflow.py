@@ -1,6 +1,7 @@
 """From a task to a folder of results: plan → replay → validate → files. What the command line does, as functions.
 
-The folder holds plan.npz, summary.json, trajectory.csv, joint_trajectory.json, metrics.png, joints.png and report.html.
+The folder holds plan.npz, summary.json, trajectory.csv, joint_trajectory.json, metrics.png, joints.png, energy.png and
+report.html.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 MARKER = ".energyopt"
 """File that marks a folder as written by energyopt: only in such a folder are files replaced."""
 DATA_FILES = ("plan.npz", "summary.json", "trajectory.csv", "joint_trajectory.json")
-FIGURE_FILES = ("metrics.png", "joints.png", "clearance.png", "scene.png", "report.html")
+FIGURE_FILES = ("metrics.png", "joints.png", "energy.png", "clearance.png", "scene.png", "report.html")
 """The pictures of clearance and scene are drawn where there are obstacles or walls."""
 
 
@@ -132,7 +133,6 @@ def summarize(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> di
         "joint_names": list(robot.joint_names),
         "duration_s": plan.duration,
         **judged,
-        "energy": {**judged["energy"], "electrical_J": None},
         "max_violation": {**violation, **judged["max_violation"]},
         "discretization_error": plan.discretization_error,
         "iterations": plan.iterations,
@@ -229,11 +229,12 @@ def _write_motion(plan: Plan, out: Path) -> None:
 def _draw(plan: Plan, log: ReplayLog | None, report: ValidationReport, out: Path) -> None:
     import io
 
-    from energyopt.plotting import plot_clearance, plot_joints, plot_metrics, plot_scene
+    from energyopt.plotting import plot_clearance, plot_energy, plot_joints, plot_metrics, plot_scene
     from energyopt.report import report_page
     from energyopt.report_scene import has_surroundings
 
     figures = {"metrics.png": lambda: plot_metrics(plan, log), "joints.png": lambda: plot_joints(plan, log)}
+    figures["energy.png"] = lambda: plot_energy(plan)
     if has_surroundings(plan):
         figures |= {"clearance.png": lambda: plot_clearance(plan, log), "scene.png": lambda: plot_scene(plan)}
     for name, draw in figures.items():

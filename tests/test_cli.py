@@ -59,7 +59,7 @@ def test_plan_writes_its_files_and_says_so(task, tmp_path, capsys):
 def test_plan_draws_figures_and_a_page_that_belong_to_the_numbers(task, tmp_path):
     out = tmp_path / "o"
     assert main(["plan", str(task), "--out", str(out), "--quiet"]) == 0
-    for name in ("metrics.png", "joints.png"):
+    for name in ("metrics.png", "joints.png", "energy.png"):
         data = (out / name).read_bytes()
         assert data.startswith(b"\x89PNG") and len(data) > 10_000
     assert "<html" in (out / "report.html").read_text(encoding="utf-8")[:200].lower()

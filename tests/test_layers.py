@@ -27,7 +27,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "metrics energy",
     "robust",
     "validation validation_text",
-    "plots plotting report report_parts report_problem report_scene",
+    "plots plotting report report_energy report_parts report_problem report_scene",
     "workflow batch_files",
     "tables",
     "cli",

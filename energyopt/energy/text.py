@@ -85,3 +85,18 @@ def account_dict(account: EnergyAccount) -> dict[str, Any]:
 
 def _power(power: PowerRange | None) -> dict[str, Any] | None:
     return None if power is None else {key: np.asarray(value).tolist() for key, value in asdict(power).items()}
+
+
+def cause_lines(account: EnergyAccount, width: int = 100) -> list[str]:
+    """Joules by cause, all joints together, in lines that are not long; the reason where there is nothing electrical."""
+    whole = f"mechanical work {account.mechanical_J:.4g} J"
+    if account.electrical_J is not None:
+        whole = f"electrical {account.electrical_J:.4g} J"
+    parts = [f"{cause} {_clean(value):.4g}" for cause, value in account.totals().items()]
+    lines = [f"{whole} ="]
+    for k, part in enumerate(parts):
+        word = f" {part}" + (" +" if k + 1 < len(parts) else "")
+        if len(lines[-1]) + len(word) > width:
+            lines.append("   ")
+        lines[-1] += word
+    return [*lines, account.why] if account.why else lines

@@ -27,6 +27,8 @@ PAPER, INK, QUIET, RULE = "#ffffff", "#1f2328", "#6a7079", "#d9dce1"
 PLANNED, REPLAYED, LIMIT = "#0072b2", "#d55e00", "#96214c"
 BASELINE_COLOURS = ("#8c939b", "#009e73", "#cc79a7", "#a6761d")
 """One a baseline, the first one grey: it is there to compare with, not to look at."""
+KINETIC, VISCOUS, COULOMB, GEAR, STANDBY = "#56b4e9", "#009e74", "#7fcdb0", "#e69f00", "#c5cad1"
+"""Causes of energy that have no colour of the above."""
 MOST_POINTS = 1500
 """Points of a replayed curve, at most; more do not show."""
 WIDTH = 9.6
@@ -85,11 +87,13 @@ def style() -> Iterator[None]:
         yield
 
 
-def panels(rows: int, columns: int, height: float, gap: float, labels: float, legend_rows: int = 1) -> tuple[Figure, np.ndarray]:
+def panels(
+    rows: int, columns: int, height: float, gap: float, labels: float, legend_rows: int = 1, share: bool = True
+) -> tuple[Figure, np.ndarray]:
     """A figure and its panels, placed in inches (much quicker than an automatic layout, and the same every time).
 
     Args:
-        rows, columns: of panels; those of a column share their time axis.
+        rows, columns: of panels. share: whether all have one time axis.
         height: of a panel; gap: between two rows; labels: room for labels left of each panel [inch].
         legend_rows: lines of the legend below.
 
@@ -100,7 +104,7 @@ def panels(rows: int, columns: int, height: float, gap: float, labels: float, le
     total = top + rows * height + (rows - 1) * gap + bottom
     wide = (WIDTH - right) / columns - labels
     figure = Figure(figsize=(WIDTH, total))
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    axes = figure.subplots(rows, columns, sharex=share, squeeze=False)
     figure.subplots_adjust(
         left=labels / WIDTH,
         right=1.0 - right / WIDTH,

@@ -24,6 +24,11 @@ VARIABLES = {
     look.REPLAYED: "replayed",
     look.LIMIT: "limit",
     look.BASELINE_COLOURS[0]: "baseline",
+    look.KINETIC: "kinetic",
+    look.VISCOUS: "viscous",
+    look.COULOMB: "coulomb",
+    look.GEAR: "gear",
+    look.STANDBY: "standby",
 }
 """CSS variables (without the prefix ``--figure-``) by colour."""
 
