@@ -9,11 +9,13 @@ import energyopt as eo
 from energyopt import costs
 from energyopt.actuators import ActuatorModel, Actuators
 from energyopt.baselines import baseline
+from energyopt.cli import main
 from energyopt.errors import InputError
 from energyopt.io.energy_parts import actuators_from_meta, actuators_meta, costs_from_meta, costs_meta
 from energyopt.io.energy_schema import PARAMETERS, parameters_of
 from energyopt.io.parts import problem_arrays, problem_from_arrays
 from energyopt.plans import Plan, Status, Violations
+from energyopt.report_problem import problem_sections
 from energyopt.verification import cost
 
 DRIVES = """
@@ -242,3 +244,19 @@ def test_a_file_may_leave_the_duration_free_and_a_plan_file_gives_the_range_back
         path.write_text(text.replace("[1, 3]", wrong), encoding="utf-8")
         with pytest.raises(InputError, match=rf"task.toml:1[0-9]+: .*duration .*{words}"):
             eo.load_problem(path)
+
+
+def test_check_and_report_say_what_is_minimised_with_which_drives(tmp_path, capsys):
+    path = tmp_path / "task.toml"
+    path.write_text((TASK % (DRIVES, TERMS)).replace("duration = 1", "duration = [1, 3]"), encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    assert "a well-formed problem of 1 to 3 s" in capsys.readouterr().out
+    asked = problem_sections(eo.load_problem(path))[0]
+    for words in (
+        "∫(0.1 Σwτ² + supply power)dt",
+        "1, 1, 1, 1, 1, 2",
+        "1 to 3 s",
+        "one shared bus; 20 W drawn at all times; from a data",
+    ):
+        assert words in str(asked)
+    assert "Weight λ" not in str(asked) and "Weight λ" in str(problem_sections(load(tmp_path))[0])
