@@ -13,7 +13,6 @@ from energyopt.arguments import check_planning
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign, Parameterization
 from energyopt.costs import smoothing_notes
-from energyopt.dynamics import backend
 from energyopt.dynamics.compiler import why_interpreted
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.errors import NoSolutionFound
@@ -90,7 +89,7 @@ def plan(
     deadline = None if time_limit is None else time.monotonic() + time_limit
     given |= {"durations": durations} if durations else {}
     settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
-                "kernels": kernels.kind, "dynamics": backend()}  # fmt: skip
+                "kernels": kernels.kind}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
         campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search, durations=durations)

@@ -16,6 +16,7 @@ import urdf_factory as factory
 
 import energyopt as eo
 from energyopt.dynamics import compiler, kernels
+from energyopt.dynamics.parameters import structure_of
 
 SAME_PLAN = 1e-8
 """Relative: kernels differ by rounding, and the solver stops at the same tolerance."""
@@ -74,7 +75,7 @@ def reach(robot):
 
 
 @needs_compiler
-def test_the_key_changes_with_everything_the_torque_depends_on():
+def test_the_digest_changes_with_everything_the_torque_depends_on():
     text, pendulum = factory.pendulum(), lambda text, **options: arms.from_urdf(text, **options).dynamics.digest
     variants = [
         pendulum(text), pendulum(factory.pendulum(1.1)), pendulum(factory.pendulum(1.0, 1.1)), pendulum(text, armature=0.1),
@@ -85,7 +86,25 @@ def test_the_key_changes_with_everything_the_torque_depends_on():
     ]  # fmt: skip
     assert len(set(variants)) == len(variants)
     assert pendulum(text) == variants[0]
-    assert len({compiler.library_key(v) for v in variants}) == len(variants)
+
+
+@needs_compiler
+def test_numbers_share_a_library_and_structures_do_not():
+    """Payload, masses, friction, armature and the strength of gravity are inputs of the code; where things are is not."""
+    text = factory.planar_arm([0.5, 0.4], [2.0, 1.5])
+    same = [
+        arms.from_urdf(text), arms.from_urdf(text, payload=eo.Payload(0.5, center=(0.1, 0.2, 0.3))),
+        arms.from_urdf(factory.planar_arm([0.5, 0.4], [1.0, 3.0])), arms.from_urdf(text, armature=0.1),
+        arms.from_urdf(text, viscous_friction=0.1), arms.from_urdf(text, gravity=(0, 0, -1.6)),
+    ]  # fmt: skip
+    assert len({structure_of(robot.dynamics).digest for robot in same}) == 1
+    other = [
+        arms.from_urdf(factory.planar_arm([0.4, 0.4], [2.0, 1.5])), arms.from_urdf(text, gravity=(0, 1, -9.8)),
+        arms.from_urdf(factory.planar_arm([0.5, 0.4], [2.0, 1.5], axis=(0, 0, 1))), arms.from_urdf(text, coulomb_friction=0.1),
+        arms.from_urdf(factory.sliders(2)),
+    ]  # fmt: skip
+    digests = [structure_of(robot.dynamics).digest for robot in (same[0], *other)]
+    assert len(set(digests)) == len(digests)
 
 
 @needs_compiler

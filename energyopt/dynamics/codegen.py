@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+SHARED = "theta"
+"""An input of this name is the same for all lanes: an array of doubles."""
 PIECE = 2000
 """Assignments a piece: shorter ones cost loads and stores at run time, longer ones minutes of compilation."""
 
@@ -42,7 +44,7 @@ class _Assignment:
 
 
 def c_function(function: ca.Function, name: str) -> str:
-    """An SX function as ``void name(const V *i0, …, V *o0, …)`` and the static pieces it calls.
+    """An SX function as ``void name(const V *i0, …, V *o0, …)`` and the static pieces it calls; see also `SHARED`.
 
     Args:
         function: all inputs and outputs dense vectors or matrices (column-major).
@@ -72,7 +74,9 @@ def _argument_names(function: ca.Function) -> list[str]:
 
 
 def _arguments(function: ca.Function) -> str:
-    return ", ".join(f"{'const V' if name[0] == 'i' else 'V'} *restrict {name}" for name in _argument_names(function))
+    types = ["const double" if function.name_in(k) == SHARED else "const V" for k in range(function.n_in())]
+    types += ["V"] * function.n_out()
+    return ", ".join(f"{kind} *restrict {name}" for kind, name in zip(types, _argument_names(function), strict=True))
 
 
 def _piece_bodies(pieces: list[list[_Assignment]]) -> list[str]:
@@ -99,7 +103,8 @@ def _assignment(function: ca.Function, k: int) -> _Assignment:
     if op == ca.OP_OUTPUT:
         return _Assignment((source[0],), None, f"  o{target[0]}[{target[1]}] = w{source[0]};")
     if op == ca.OP_INPUT:
-        reads, value = (), f"i{source[0]}[{source[1]}]"
+        value = f"i{source[0]}[{source[1]}]"
+        reads, value = (), f"lanes({value})" if function.name_in(source[0]) == SHARED else value
     elif op == ca.OP_CONST:
         reads, value = (), f"lanes({function.instruction_constant(k)!r})"
     elif op in _BINARY:

@@ -1,7 +1,8 @@
 """Kernels: the sample graphs of one arm, evaluated for many samples at once.
 
-Two kinds give the same numbers (to rounding): `CompiledKernels`, C code compiled once a robot and kept in a cache, and
+Two kinds give the same numbers (to rounding): `CompiledKernels`, C code compiled once a structure and kept in a cache, and
 `InterpretedKernels`, CasADi's virtual machine, for machines without a C compiler. `kernels_of` picks the first that works.
+The code serves all arms of one `parameters.Structure`: another payload or friction is another θ, and compiles nothing.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import ctypes
 import hashlib
 import logging
 import time
+from copy import copy
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -19,13 +21,14 @@ import numpy as np
 
 from energyopt.dynamics import compiler
 from energyopt.dynamics.body import Dynamics
+from energyopt.dynamics.parameters import Structure, numbers_of, structure_of
 
 if TYPE_CHECKING:
     from energyopt.dynamics.graphs import SampleGraphs
 
 log = logging.getLogger("energyopt")
 
-_SOURCES = ("body.py", "symbolic.py", "graphs.py", "codegen.py", "kernels.py", "samples.c")
+_SOURCES = ("body.py", "parameters.py", "symbolic.py", "graphs.py", "codegen.py", "kernels.py", "samples.c")
 _KERNEL_FLAGS = ("-O1", "-march=native", "-std=gnu11")
 _SAMPLE_FLAGS = ("-O2", "-ftree-vectorize", "-march=native", "-std=gnu11")
 
@@ -46,14 +49,21 @@ class Kernels:
 
     Attributes:
         kind: "compiled" or "interpreted".
+        theta: the numbers of the arm, see `parameters`.
         compile_s: seconds spent generating and compiling C in this process (0 from the cache).
     """
 
     kind: str
     compile_s: float = 0.0
 
-    def __init__(self, nv: int):
-        self.nv = nv
+    def __init__(self, nv: int, theta: np.ndarray):
+        self.nv, self.theta = nv, np.ascontiguousarray(theta, dtype=float)
+
+    def with_numbers(self, theta: np.ndarray) -> Kernels:
+        """The same code for other numbers."""
+        other = copy(self)
+        other.theta = np.ascontiguousarray(theta, dtype=float)
+        return other
 
     def torque(self, z: np.ndarray) -> np.ndarray:
         """τ [N·m], shape (N, nv)."""
@@ -77,8 +87,8 @@ class InterpretedKernels(Kernels):
 
     kind = "interpreted"
 
-    def __init__(self, graphs: SampleGraphs):
-        super().__init__(graphs.torque.size1_out(0))
+    def __init__(self, graphs: SampleGraphs, theta: np.ndarray):
+        super().__init__(graphs.torque.size1_out(0), theta)
         self._graphs = graphs
 
     def torque(self, z):
@@ -107,16 +117,17 @@ class InterpretedKernels(Kernels):
     def _call(self, function, *arguments: np.ndarray) -> list[np.ndarray]:
         """Evaluate sample by sample; inputs (N, n) and outputs flattened to (N, m)."""
         count = len(arguments[0])
-        mapped = self._mapped(function, count)
-        results = mapped.call([np.ascontiguousarray(a, dtype=float).T for a in arguments])
+        results = _mapped(function, count).call([np.ascontiguousarray(a, dtype=float).T for a in arguments] + [self.theta])
         return [
             np.array(r).T.reshape(count, -1) if r.size1() > 1 else np.array(r).reshape(count, -1)
             for r in map(_flat(count), results)
         ]
 
-    @lru_cache(maxsize=32)  # noqa: B019 (kernels live as long as the process: see kernels_of)
-    def _mapped(self, function, count: int):
-        return function.map(count)
+
+@lru_cache(maxsize=32)
+def _mapped(function, count: int):
+    """The function at ``count`` samples, with one θ (its last input) for all."""
+    return function.map("samples", "serial", count, [function.n_in() - 1], [])
 
 
 def _flat(count: int):
@@ -131,13 +142,9 @@ class CompiledKernels(Kernels):
 
     kind = "compiled"
 
-    def __init__(self, nv: int, path: Path):
-        super().__init__(nv)
-        self.library = ctypes.CDLL(str(path))
-        for name in ("torque", "adjoint", "jacobian", "hessian"):
-            function = getattr(self.library, f"eo_{name}")
-            function.restype = None
-        self.library.eo_program_objective.restype = ctypes.c_double
+    def __init__(self, nv: int, library: ctypes.CDLL, theta: np.ndarray):
+        super().__init__(nv, theta)
+        self.library = library
 
     def torque(self, z):
         return self._call(self.library.eo_torque, [z], [self.nv])[0]
@@ -157,25 +164,37 @@ class CompiledKernels(Kernels):
         inputs = [np.ascontiguousarray(a, dtype=float) for a in inputs]
         count = len(inputs[0])
         outputs = [np.empty((count, size)) for size in sizes]
-        function(ctypes.c_long(count), *(ctypes.c_void_p(a.ctypes.data) for a in (*inputs, *outputs)))
+        theta, *arrays = (ctypes.c_void_p(a.ctypes.data) for a in (self.theta, *inputs, *outputs))
+        function(theta, ctypes.c_long(count), *arrays)
         return outputs
 
 
+def _load(path: Path) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(path))
+    for name in ("torque", "adjoint", "jacobian", "hessian"):
+        getattr(library, f"eo_{name}").restype = None
+    library.eo_program_objective.restype = ctypes.c_double
+    return library
+
+
 _LOADED: dict[str, Kernels] = {}
+"""By the key of their code, kernels of some arm of each structure."""
 
 
 def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
-    """The kernels of an arm, made once a process: compiled where possible, else interpreted (one notice in the log)."""
+    """The kernels of an arm: compiled where possible, else interpreted (one notice in the log). Code is made once a process."""
+    structure = structure_of(dynamics)
+    theta = numbers_of(dynamics, structure)
     if compiled:
-        key = compiler.library_key(dynamics.digest, _generator_digest(), *_KERNEL_FLAGS, *_SAMPLE_FLAGS)
+        key = compiler.library_key(structure.digest, _generator_digest(), *_KERNEL_FLAGS, *_SAMPLE_FLAGS)
         if key not in _LOADED:
-            _LOADED[key] = _compiled(dynamics, key) or _without_compiler(dynamics)
-        return _LOADED[key]
-    if dynamics.digest not in _LOADED:
+            _LOADED[key] = _compiled(dynamics, structure, key) or _without_compiler(dynamics)
+        return _LOADED[key].with_numbers(theta)
+    if structure.digest not in _LOADED:
         from energyopt.dynamics.graphs import sample_graphs
 
-        _LOADED[dynamics.digest] = InterpretedKernels(sample_graphs(dynamics))
-    return _LOADED[dynamics.digest]
+        _LOADED[structure.digest] = InterpretedKernels(sample_graphs(structure), theta)
+    return _LOADED[structure.digest].with_numbers(theta)
 
 
 def _without_compiler(dynamics: Dynamics) -> Kernels:
@@ -187,15 +206,15 @@ def _without_compiler(dynamics: Dynamics) -> Kernels:
     return kernels_of(dynamics, compiled=False)
 
 
-def _compiled(dynamics: Dynamics, key: str) -> CompiledKernels | None:
+def _compiled(dynamics: Dynamics, structure: Structure, key: str) -> CompiledKernels | None:
     """Kernels from the cache or the compiler, their torques checked against Pinocchio before they are trusted."""
     started = time.perf_counter()
     for fresh in (False, True):
-        path = compiler.compile_library(key, c_units(dynamics)) if fresh else compiler.cached_library(key)
+        path = compiler.compile_library(key, c_units(structure)) if fresh else compiler.cached_library(key)
         if path is None:
             continue
         try:
-            kernels = CompiledKernels(dynamics.nv, path)
+            kernels = CompiledKernels(structure.nv, _load(path), numbers_of(dynamics, structure))
         except OSError as error:
             fault = f"does not load: {error}"
         else:
@@ -215,14 +234,14 @@ def _agrees(kernels: Kernels, dynamics: Dynamics) -> bool:
     return bool(np.allclose(kernels.torque(z), expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max()))
 
 
-def c_units(dynamics: Dynamics) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """The C of an arm's kernels and of the program around them: by unit, source text and compiler flags."""
+def c_units(structure: Structure) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """The C of a structure's kernels and of the program around them: by unit, source text and compiler flags."""
     from energyopt.dynamics.codegen import c_declaration, c_function
     from energyopt.dynamics.graphs import sample_graphs
 
-    graphs = sample_graphs(dynamics)
+    graphs = sample_graphs(structure)
     lanes = 8 if compiler.has_wide_vectors() else 4
-    preamble = _PREAMBLE.format(nv=dynamics.nv, lanes=lanes, lower=len(graphs.lower))
+    preamble = _PREAMBLE.format(nv=structure.nv, lanes=lanes, lower=len(graphs.lower))
     names = [f"kernel_{graph.name()}" for graph in graphs.all]
     declarations = [c_declaration(graph, name) + ";" for graph, name in zip(graphs.all, names, strict=True)]
     kernels = {

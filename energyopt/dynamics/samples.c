@@ -1,4 +1,4 @@
-/* Everything the solver asks for, assembled from the sample kernels above.
+/* Everything the solver asks for, assembled from the sample kernels above; theta holds the numbers of the arm.
 
    A motion is z_k = (q, v, a)(t_k) = sum_l basis[k][order][l] c[column[k][l]], the coefficients being
    c_j = offset_j + x[block_j] (block -1: no unknown). Each call takes all samples, LANES at a time.
@@ -35,6 +35,7 @@ typedef struct {
   /* A direction of each sample's state, and where the Hessian of its share in the Lagrangian times it goes; may be null. */
   const double *direction;     /* samples x NZ */
   double *turned;              /* samples x NZ */
+  const double *theta;         /* numbers of the arm */
 } Program;
 
 static void pack(const double *from, long size, long first, long count, V *to) {
@@ -51,45 +52,46 @@ static void unpack(const V *from, long size, long first, long count, double *to)
 
 #define FOR_LANES(k, n, N) for (long k = 0, n; k < (N) && (n = (N) - k < LANES ? (N) - k : LANES, 1); k += LANES)
 
-void eo_torque(long N, const double *z, double *tau) {
+void eo_torque(const double *theta, long N, const double *z, double *tau) {
   V zz[NZ], t[NV];
   FOR_LANES(k, n, N) {
     pack(z, NZ, k, n, zz);
-    kernel_torque(zz, t);
+    kernel_torque(zz, theta, t);
     unpack(t, NV, k, n, tau);
   }
 }
 
-void eo_adjoint(long N, const double *z, const double *p, const double *mu, double *tau, double *g) {
+void eo_adjoint(const double *theta, long N, const double *z, const double *p, const double *mu, double *tau, double *g) {
   V zz[NZ], pp[NV], mm[NV], t[NV], gg[NZ];
   FOR_LANES(k, n, N) {
     pack(z, NZ, k, n, zz);
     pack(p, NV, k, n, pp);
     pack(mu, NV, k, n, mm);
-    kernel_adjoint(zz, pp, mm, t, gg);
+    kernel_adjoint(zz, pp, mm, theta, t, gg);
     unpack(t, NV, k, n, tau);
     unpack(gg, NZ, k, n, g);
   }
 }
 
 /* J is written transposed: samples x NZ x NV */
-void eo_jacobian(long N, const double *z, double *tau, double *Jt) {
+void eo_jacobian(const double *theta, long N, const double *z, double *tau, double *Jt) {
   V zz[NZ], t[NV], jj[NV * NZ];
   FOR_LANES(k, n, N) {
     pack(z, NZ, k, n, zz);
-    kernel_jacobian(zz, t, jj);
+    kernel_jacobian(zz, theta, t, jj);
     unpack(t, NV, k, n, tau);
     unpack(jj, NV * NZ, k, n, Jt);
   }
 }
 
 /* one group of lanes: the full symmetric S + J' diag(p) J, and J transposed */
-static void hessian_group(long k, long n, const double *z, const double *p, const double *mu, V *H, V *jj) {
+static void hessian_group(
+    const double *theta, long k, long n, const double *z, const double *p, const double *mu, V *H, V *jj) {
   V zz[NZ], pp[NV], mm[NV], ss[LOWER];
   pack(z, NZ, k, n, zz);
   pack(p, NV, k, n, pp);
   pack(mu, NV, k, n, mm);
-  kernel_hessian(zz, pp, mm, jj, ss);
+  kernel_hessian(zz, pp, mm, theta, jj, ss);
   for (long b = 0; b < NZ; ++b) {
     V scaled[NV];
     for (long i = 0; i < NV; ++i) scaled[i] = pp[i] * jj[b * NV + i];
@@ -104,10 +106,10 @@ static void hessian_group(long k, long n, const double *z, const double *p, cons
     for (long b = 0; b < a; ++b) H[b * NZ + a] = H[a * NZ + b];
 }
 
-void eo_hessian(long N, const double *z, const double *p, const double *mu, double *H) {
+void eo_hessian(const double *theta, long N, const double *z, const double *p, const double *mu, double *H) {
   V hh[NZ * NZ], jj[NV * NZ];
   FOR_LANES(k, n, N) {
-    hessian_group(k, n, z, p, mu, hh, jj);
+    hessian_group(theta, k, n, z, p, mu, hh, jj);
     unpack(hh, NZ * NZ, k, n, H);
   }
 }
@@ -129,7 +131,7 @@ void eo_program_state(Program *P, const double *x) {
       }
     }
   }
-  eo_torque(P->samples, P->state, P->torque);
+  eo_torque(P->theta, P->samples, P->state, P->torque);
 }
 
 double eo_program_objective(const Program *P) {
@@ -177,7 +179,7 @@ static void add_rows(const Program *P, const double *lambda) {
 
 void eo_program_gradient(const Program *P, double *gradient) {
   set_objective(P, 1.0, 0);
-  eo_adjoint(P->samples, P->state, P->power, P->multiplier, P->torque, P->gradient);
+  eo_adjoint(P->theta, P->samples, P->state, P->power, P->multiplier, P->torque, P->gradient);
   for (long m = 0; m < P->blocks * NV; ++m) gradient[m] = 0.0;
   for (long k = 0; k < P->samples; ++k) {
     double *g = P->gradient + k * NZ;
@@ -202,7 +204,7 @@ void eo_program_jacobian(const Program *P, double *values) {
   FOR_LANES(k, n, P->demanded) {
     for (long l = 0; l < LANES; ++l)
       for (long m = 0; m < NZ; ++m) zz[m][l] = P->state[P->demand[k + (l < n ? l : 0)] * NZ + m];
-    kernel_jacobian(zz, t, jj);
+    kernel_jacobian(zz, P->theta, t, jj);
     unpack(jj, NV * NZ, k, n, P->jacobian);
   }
   for (long e = 0; e < P->entries; ++e) {
@@ -318,7 +320,7 @@ void eo_program_hessian(const Program *P, double sigma, const double *lambda, do
   add_rows(P, lambda);
   for (long e = 0; e < P->hess_nonzeros; ++e) values[e] = 0.0;
   FOR_LANES(k, n, P->samples) {
-    hessian_group(k, n, P->state, P->power, P->multiplier, H, jj);
+    hessian_group(P->theta, k, n, P->state, P->power, P->multiplier, H, jj);
     add_cost_curvature(P, k, n, sigma, jj, H);
     if (P->direction) turn(P, k, n, H);
     add_group_hessian(P, k, n, H, values);

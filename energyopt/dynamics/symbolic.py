@@ -20,9 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from energyopt.dynamics.body import Dynamics, joint_axis
-
-ROUNDING = 2e-11
-"""Entries of unit rotations below this are the rounding of π in URDF files; as exact zeros they keep the graph sparse."""
+from energyopt.dynamics.parameters import UPPER, Structure, numbers_of, rounded, structure_of
 
 
 @lru_cache(maxsize=1)
@@ -51,12 +49,12 @@ def inverse_dynamics(dynamics: Dynamics, source: str | None = None) -> ca.Functi
     if (source or backend()) == "pinocchio.casadi":
         cpin = _pinocchio_casadi()
         model = cpin.Model(dynamics.model)
-        tau = cpin.rnea(model, model.createData(), q, v, a)
+        tau = cpin.rnea(model, model.createData(), q, v, a) + ca.DM(dynamics.viscous_friction) * v
+        if np.any(dynamics.coulomb_friction):
+            tau = tau + ca.DM(dynamics.coulomb_friction) * ca.tanh(v / ca.DM(dynamics.coulomb_velocity))
     else:
-        tau = _newton_euler(dynamics.model, q, v, a) + ca.DM(dynamics.armature) * a
-    tau = tau + ca.DM(dynamics.viscous_friction) * v
-    if np.any(dynamics.coulomb_friction):
-        tau = tau + ca.DM(dynamics.coulomb_friction) * ca.tanh(v / ca.DM(dynamics.coulomb_velocity))
+        structure = structure_of(dynamics)
+        tau = parametric_torque(structure)(q, v, a, numbers_of(dynamics, structure))
     return ca.Function("inverse_dynamics", [q, v, a], [ca.densify(tau)], ["q", "v", "a"], ["tau"])
 
 
@@ -79,21 +77,35 @@ def frame_placement(model: pin.Model, frame: int) -> ca.Function:
         parent_R, parent_p = _joint_placement(model, joint, q)
         rotation, position = rotation @ parent_R, position + rotation @ parent_p
     local = model.frames[frame].placement
-    position = position + rotation @ ca.SX(_rounded(local.translation))
-    rotation = rotation @ ca.SX(_rounded(local.rotation))
+    position = position + rotation @ ca.SX(rounded(local.translation))
+    rotation = rotation @ ca.SX(rounded(local.rotation))
     return ca.Function("frame_placement", [q], [ca.densify(rotation), ca.densify(position)], ["q"], ["R", "p"])
 
 
-def _newton_euler(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+def parametric_torque(structure: Structure) -> ca.Function:
+    """CasADi function (q, v, a, theta) → tau [N·m] of every arm of a structure; theta: see `parameters`."""
+    nv = structure.nv
+    q, v, a = (ca.SX.sym(name, nv) for name in "qva")
+    theta = ca.SX.sym("theta", structure.size)
+    part = {name: theta[where] for name, where in structure.slices.items()}
+    tau = _newton_euler(structure, q, v, a, part) + part["armature"] * a + part["viscous"] * v
+    if structure.coulomb:
+        tau = tau + part["coulomb"] * ca.tanh(v * part["sharpness"])
+    return ca.Function("inverse_dynamics", [q, v, a, theta], [ca.densify(tau)], ["q", "v", "a", "theta"], ["tau"])
+
+
+def _newton_euler(structure: Structure, q: ca.SX, v: ca.SX, a: ca.SX, part: dict[str, ca.SX]) -> ca.SX:
     """Torques of the rigid bodies alone, by the recursion of the module docstring."""
     placements, axes, linear, angular = {}, {}, {0: ca.SX(3, 1)}, {0: ca.SX(3, 1)}
-    d_linear, d_angular = {0: ca.SX(-model.gravity.linear)}, {0: ca.SX(3, 1)}
+    d_linear, d_angular = {0: -_filled(part["gravity"], structure.gravity)}, {0: ca.SX(3, 1)}
+    bodies = _bodies(structure, part["inertia"])
     force, moment = {}, {}
-    for i in range(1, model.njoints):
-        p, k = model.parents[i], model.joints[i].idx_v
-        R, r = placements[i] = _joint_placement(model, i, q)
-        kind, axis = joint_axis(model, i)
-        axes[i] = slide, turn = (ca.SX(axis), ca.SX(3, 1)) if kind == "prismatic" else (ca.SX(3, 1), ca.SX(axis))
+    for i in range(1, structure.nv + 1):
+        p, k = structure.parents[i], i - 1
+        R, r = placements[i] = _placement(structure.rotations[k], structure.translations[k], structure.axes[k], q[k])
+        kind, axis = structure.axes[k]
+        axis = ca.sparsify(ca.SX(axis))
+        axes[i] = slide, turn = (axis, ca.SX(3, 1)) if kind == "prismatic" else (ca.SX(3, 1), axis)
         linear[i] = R.T @ (linear[p] + ca.cross(angular[p], r)) + slide * v[k]
         angular[i] = R.T @ angular[p] + turn * v[k]
         d_linear[i] = (
@@ -103,12 +115,12 @@ def _newton_euler(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
             + ca.cross(linear[i], turn * v[k])
         )
         d_angular[i] = R.T @ d_angular[p] + turn * a[k] + ca.cross(angular[i], turn * v[k])
-        force[i], moment[i] = _body_wrench(model.inertias[i], linear[i], angular[i], d_linear[i], d_angular[i])
-    tau = ca.SX(model.nv, 1)
-    for i in range(model.njoints - 1, 0, -1):
+        force[i], moment[i] = _body_wrench(bodies[k], linear[i], angular[i], d_linear[i], d_angular[i])
+    tau = ca.SX(structure.nv, 1)
+    for i in range(structure.nv, 0, -1):
         slide, turn = axes[i]
-        tau[model.joints[i].idx_v] = ca.dot(slide, force[i]) + ca.dot(turn, moment[i])
-        p, (R, r) = model.parents[i], placements[i]
+        tau[i - 1] = ca.dot(slide, force[i]) + ca.dot(turn, moment[i])
+        p, (R, r) = structure.parents[i], placements[i]
         if p > 0:
             f = R @ force[i]
             force[p] = force[p] + f
@@ -116,36 +128,54 @@ def _newton_euler(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     return tau
 
 
+def _filled(values: ca.SX, there: tuple[bool, ...] | np.ndarray) -> ca.SX:
+    """A column with values where ``there``, and nothing elsewhere."""
+    filled, used = ca.SX(len(there), 1), 0
+    for k in np.flatnonzero(there):
+        filled[int(k)], used = values[used], used + 1
+    return filled
+
+
+def _bodies(structure: Structure, inertia: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    """Mass, h = mc and I_o of each joint's body; what is no input is a structural zero."""
+    bodies, used = [], 0
+    for kept in structure.kept:
+        ten = _filled(inertia[used : used + int(kept.sum())], kept)
+        used += int(kept.sum())
+        tensor = ca.SX(3, 3)
+        for k, (i, j) in enumerate(UPPER):
+            if kept[4 + k]:
+                tensor[i, j] = tensor[j, i] = ten[4 + k]
+        bodies.append((ten[0], ten[1:4], tensor))
+    return bodies
+
+
 def _joint_placement(model: pin.Model, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """parent_T_joint at q: rotation (Rodrigues' formula about the joint axis) and position."""
-    fixed, k = model.jointPlacements[joint], model.joints[joint].idx_q
-    R, p = ca.SX(_rounded(fixed.rotation)), ca.SX(_rounded(fixed.translation))
-    kind, axis = joint_axis(model, joint)
-    axis = _rounded(axis)
+    """parent_T_joint at q: rotation and position."""
+    fixed = model.jointPlacements[joint]
+    return _placement(fixed.rotation, fixed.translation, joint_axis(model, joint), q[model.joints[joint].idx_q])
+
+
+def _placement(rotation: np.ndarray, translation: np.ndarray, joint: tuple[str, np.ndarray], q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The same of a joint with a fixed placement, its kind and its axis; Rodrigues' formula about the axis."""
+    R, p = ca.SX(rounded(rotation)), ca.SX(rounded(translation))
+    kind, axis = joint
+    axis = rounded(axis)
     if kind == "prismatic":
-        return ca.sparsify(R), p + R @ (ca.SX(axis) * q[k])
+        return ca.sparsify(R), p + R @ (ca.SX(axis) * q)
     cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    along = _rounded(np.outer(axis, axis))
-    turn = ca.SX(along) + ca.cos(q[k]) * ca.SX(np.eye(3) - along) + ca.sin(q[k]) * ca.SX(cross)
+    along = rounded(np.outer(axis, axis))
+    turn = ca.SX(along) + ca.cos(q) * ca.SX(np.eye(3) - along) + ca.sin(q) * ca.SX(cross)
     return ca.sparsify(R @ ca.sparsify(turn)), p
 
 
-def _body_wrench(inertia: pin.Inertia, v: ca.SX, w: ca.SX, dv: ca.SX, dw: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _body_wrench(body: tuple[ca.SX, ca.SX, ca.SX], v: ca.SX, w: ca.SX, dv: ca.SX, dw: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Force and moment about the joint origin that give a body its acceleration: I a + v ×* I v."""
-    mass, center, about_center = inertia.mass, ca.SX(inertia.lever), ca.SX(inertia.inertia)
+    mass, h, about_origin = body
 
     def momentum(linear: ca.SX, angular: ca.SX) -> tuple[ca.SX, ca.SX]:
-        p = mass * (linear + ca.cross(angular, center))
-        return p, about_center @ angular + ca.cross(center, p)
+        return mass * linear + ca.cross(angular, h), about_origin @ angular + ca.cross(h, linear)
 
     force, moment = momentum(dv, dw)
-    p, h = momentum(v, w)
-    return force + ca.cross(w, p), moment + ca.cross(w, h) + ca.cross(v, p)
-
-
-def _rounded(values: np.ndarray) -> np.ndarray:
-    values = np.array(values, dtype=float)
-    values[np.abs(values) < ROUNDING] = 0.0
-    near = np.abs(np.abs(values) - 1.0) < ROUNDING
-    values[near] = np.sign(values[near])
-    return values
+    p, L = momentum(v, w)
+    return force + ca.cross(w, p), moment + ca.cross(w, L) + ca.cross(v, p)

@@ -174,7 +174,7 @@ class _Program(ctypes.Structure):
             "row_value", "row_offset", "entry_row", "entry_sample", "entry_joint", "entry_scale", "demand", "entry_demand",
             "entry_target", "jac_constant", "hess_column", "hess_place", "coefficient", "state", "torque", "multiplier",
             "power", "jacobian", "gradient", "cost_first", "cost_second", "cost_mixed", "direction",
-            "turned")),
+            "turned", "theta")),
     ]  # fmt: skip
 
 
@@ -193,6 +193,7 @@ class CompiledEvaluator(Evaluator):
         self._program = _Program(**numbers, **{name: array.ctypes.data for name, array in self.arrays.items()})
         self._pointer = ctypes.byref(self._program)
         self._held: dict[str, np.ndarray] = {}
+        self._hand("theta", kernels.theta)
 
     @property
     def native(self) -> tuple[int, dict[str, int]]:

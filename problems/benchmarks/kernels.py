@@ -26,6 +26,7 @@ import energyopt as eo
 from energyopt.dynamics.compiler import find_compiler
 from energyopt.dynamics.graphs import sample_graphs
 from energyopt.dynamics.kernels import Kernels, kernels_of
+from energyopt.dynamics.parameters import numbers_of, structure_of
 
 MEASURES = "processor time a node of the compiled sample kernels, against CasADi's virtual machine and CasADi's own generated C"
 NAMES = ("torque", "adjoint", "jacobian", "hessian")
@@ -95,13 +96,15 @@ def _us_per_node(call: Callable[[], object], nodes: int, repeats: int, least: fl
 
 def _casadi_times(dynamics, state: tuple[np.ndarray, ...], repeats: int) -> dict[str, float]:
     """The same graphs as C by CasADi, through `external` and `map`; arguments are ready as CasADi matrices."""
-    graphs, found = sample_graphs(dynamics), {}
+    structure = structure_of(dynamics)
+    graphs, found, theta = sample_graphs(structure), {}, ca.DM(numbers_of(dynamics, structure))
     arguments = [ca.DM(np.ascontiguousarray(a.T)) for a in state]
     with tempfile.TemporaryDirectory() as folder:
         for name in NAMES:
             library = _casadi_library(getattr(graphs, name), Path(folder))
-            mapped = ca.external(name, str(library)).map(len(state[0]))
-            inputs = arguments[: mapped.n_in()]
+            one = ca.external(name, str(library))
+            mapped = one.map("nodes", "serial", len(state[0]), [one.n_in() - 1], [])
+            inputs = [*arguments[: one.n_in() - 1], theta]
             found[name] = _us_per_node(lambda mapped=mapped, inputs=inputs: mapped.call(inputs), len(state[0]), repeats)
             del mapped
     return found
