@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import urdf_factory as factory
 
+from energyopt.clearance import check_clearance
 from energyopt.errors import MissingDependencyError, ProblemError
 from energyopt.geometry.bodies import Attached
 from energyopt.geometry.moving import Moving
@@ -212,6 +213,19 @@ def test_corners_are_rounded_no_farther_than_is_free():
     assert np.allclose(curve(np.array([0.0, curve.duration])), path[[0, -1]], rtol=0, atol=1e-12)
     assert free.free(curve(np.linspace(0, curve.duration, 2000))).all()
     assert len(rounded(path).breaks) <= len(curve.breaks)
+
+
+def test_rounded_corners_touch_nothing_between_the_samples_either():
+    """Small balls beside corners that are hardly cut. In the cases 34 and 47 samples alone would let a link touch one."""
+    for seed in (*range(5), 34, 47):
+        rng = np.random.default_rng(seed)
+        places = [rng.uniform(0.65, 0.95) * np.array([np.cos(a), np.sin(a), 0.0]) for a in rng.uniform(-0.9, 0.9, 3)]
+        balls = [Sphere(0.01, place, f"ball {k}") for k, place in enumerate(places)]
+        free = rods_among(*balls)
+        near = free.with_margin(0.003)
+        found = rrt_connect(near, np.array([-1.3, 0.0]), np.array([1.3, 0.0]), np.random.default_rng(seed), Budget(None, 400))
+        curve = rounded(shorten(near, found.path, np.random.default_rng(0)), free)
+        assert check_clearance(rods(), curve, balls, (), RODS).passes
 
 
 @pytest.mark.parametrize("path", [np.zeros((1, 2)), np.zeros((3, 2)), np.full((2, 2), np.nan)])

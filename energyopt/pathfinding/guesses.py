@@ -220,7 +220,7 @@ def _followed(
     found = _path(space, stops, rng, budget, search)
     if not found.found:
         return found
-    curve = rounded(found.path, space)
+    curve = rounded(found.path, space, min(free.margin, space.margin))
     try:
         trajectory = timed(curve, problem.robot, problem.limits, problem.duration)
     except ProblemError:  # nothing limits the arm, or it cannot hold this path; the optimiser may still find another
