@@ -11,6 +11,7 @@ import numpy as np
 
 from energyopt.errors import InputError, MissingDependencyError
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
+from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import real, shown, whole
@@ -58,6 +59,18 @@ def check_plan(function: str, plan: Plan) -> None:
     if not isinstance(plan, Plan):
         remedy = "solve it first: plan(problem)" if isinstance(plan, Problem) else "plan and load_plan give one"
         raise InputError(f"{function}: plan is {shown(plan)}: expected an energyopt.Plan; {remedy}")
+
+
+def check_guess(problem: Problem, guess: Any) -> None:
+    """Refuse a motion of another number of joints, and what is none.
+
+    Raises:
+        InputError: says what was given.
+    """
+    if not isinstance(guess, Trajectory):
+        raise InputError(f"guess is {shown(guess)}: expected a Trajectory, a Plan, or None")
+    if guess.nv != problem.robot.nv:
+        raise InputError(f"guess: a motion of {guess.nv} joints; expected {problem.robot.nv}, as {problem.robot.name} has")
 
 
 def check_log(plan: Plan, log: ReplayLog | None) -> None:

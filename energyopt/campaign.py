@@ -21,7 +21,8 @@ from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import ProblemError
 from energyopt.feasibility import check_feasibility
 from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
-from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.parameterizations.bspline import SplineSpace
+from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
 from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
 from energyopt.plans import Violations
@@ -84,6 +85,7 @@ class Campaign:
     path_search: str = "auto"
     spent: Spent = field(default_factory=Spent)
     durations: tuple[float, float] | None = None
+    given: Trajectory | None = None
     _verdict: tuple[Trajectory, Violations] | None = None
     avoidance: Avoidance | None = None
     searches: list[Search] = field(default_factory=list)
@@ -94,12 +96,12 @@ class Campaign:
         began = time.perf_counter()
         targets = self._targets()
         if self.durations is not None:
-            self.problem = self.problem.lasting(first_duration(self.problem, self.durations, targets[0], self.kernels))
+            self.problem = self.problem.lasting(self._first_duration(targets[0]))
         self.avoidance = avoidance_of(self.problem)
         self.guess_s = time.perf_counter() - began
         source = self._timed(self._attempts(targets))
-        wanted, searches = starts or len(targets), self.searches
-        if self.problem.obstacles or self.problem.workspace:
+        wanted, searches = starts or (len(targets) if self.given is None else 1), self.searches
+        if self.given is None and (self.problem.obstacles or self.problem.workspace):
             self._try_unaware(targets)
         while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not any(map(_promising, searches))):
             searches.append(self._searched(self._space(), next(source)))
@@ -113,6 +115,11 @@ class Campaign:
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
             searches += self._on_finer_knots(next(self._attempts(targets)))
         return self._best(searches)
+
+    def _first_duration(self, goal: np.ndarray) -> float:
+        if self.given is None:
+            return first_duration(self.problem, self.durations, goal, self.kernels)
+        return float(np.clip(self.given.duration, *self.durations))
 
     def _best(self, searches: list[Search]) -> Search:
         """Of the most promising searches, refined, the one of least J that holds; where none does, the least bad."""
@@ -153,6 +160,8 @@ class Campaign:
 
     def _attempts(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
         problem = self.problem
+        if self.given is not None:
+            yield self._given(targets)
         if not (problem.obstacles or problem.workspace):
             for k, motion in enumerate(guesses(problem, targets, self.seed)):
                 name = "straight" if k < len(targets) else f"bent {k - len(targets) + 1}"
@@ -176,6 +185,12 @@ class Campaign:
         for k, motion in enumerate(islice(guesses(problem, targets, self.seed), 1, None), start=1):
             yield Attempt(f"bent unchecked {k}", motion, targets[0])
 
+    def _given(self, targets: list[np.ndarray]) -> Attempt:
+        """The motion the caller starts from; it ends at the target it is nearest to."""
+        motion = self.given.stretched(self.problem.duration)
+        end = motion(motion.duration)
+        return Attempt("given", motion, min(targets, key=lambda q: float(np.linalg.norm(q - end))))
+
     def _timed(self, source: Iterator[Attempt]) -> Iterator[Attempt]:
         """The same, with the time counted that it takes to make each."""
         while True:
@@ -193,6 +208,8 @@ class Campaign:
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
         search = Search(*start, durations=self.durations, spent=self.spent)
+        if attempt.name == "given":
+            search.warm, search.space = True, self._space_of(attempt.motion, space)
         if avoidance is not None and avoidance.scene.obstacles and not unaware:
             search.stiffness = FIRM if attempt.free else 1
         self.current = search
@@ -280,6 +297,14 @@ class Campaign:
     def _space(self) -> MotionSpace:
         """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
         return self.parameterization.space(self.problem.duration, ROUGH_NODES if rough(self.problem) else None)
+
+    def _space_of(self, motion: Trajectory, otherwise: MotionSpace) -> MotionSpace:
+        """The space of a spline, whose knots may have been chosen with care, unless the caller wants others."""
+        spline = self.parameterization
+        free = isinstance(spline, BSpline) and spline.knots is None and spline.control_points is None
+        if not (free and isinstance(motion, SplineTrajectory) and motion.degree == spline.degree):
+            return otherwise
+        return SplineSpace(motion.breaks, spline.degree, otherwise.nodes)
 
     def verdict(self, search: Search) -> Violations:
         """The dense check of a search's motion, done once a motion."""

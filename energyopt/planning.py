@@ -9,7 +9,7 @@ import sys
 import time
 from dataclasses import asdict, replace
 
-from energyopt.arguments import check_planning
+from energyopt.arguments import check_guess, check_planning
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign, Parameterization
 from energyopt.costs import smoothing_notes
@@ -18,6 +18,7 @@ from energyopt.dynamics.kernels import kernels_of
 from energyopt.errors import NoSolutionFound
 from energyopt.feasibility import check_feasibility
 from energyopt.parameterizations import BSpline
+from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.search import Progress, Search, SearchOptions
@@ -52,6 +53,7 @@ def plan(
     starts: int | None = None,
     seed: int = 0,
     time_limit: float | None = None,
+    guess: Trajectory | Plan | None = None,
     iterations: int = 500,
     path_search: str = "auto",
     verbose: bool | Progress = False,
@@ -66,6 +68,8 @@ def plan(
             (4 at most) where the goal is Cartesian. Further guesses are tried where none of them leads to a valid motion.
         seed: of the random guesses.
         time_limit: seconds for all searches together.
+        guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and
+            the knots of a spline are taken over. Other guesses follow where it leads to no valid motion, or ``starts`` is more.
         iterations: solver iterations, at most, in one solve.
         path_search: what looks for ways around obstacles: "built-in" (RRT-Connect), "ompl" (the extra of that name), or
             "auto": built-in, and where that finds nothing and OMPL is installed, OMPL.
@@ -80,6 +84,9 @@ def plan(
     given = {"starts": starts, "seed": seed, "time_limit": time_limit, "iterations": iterations,
              "path_search": path_search}  # fmt: skip
     check_planning(problem, parameterization, given | {"verbose": verbose, "throw": throw})
+    start = guess.trajectory if isinstance(guess, Plan) else guess
+    if start is not None:
+        check_guess(problem, start)
     durations = problem.durations if problem.free_duration else None
     problem = problem.lasting(problem.durations[1])
     check_feasibility(problem)
@@ -92,7 +99,7 @@ def plan(
                 "kernels": kernels.kind}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
-        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search, durations=durations)
+        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search, durations=durations, given=start)
         try:
             search = campaign.run(starts)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it

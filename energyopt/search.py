@@ -106,6 +106,7 @@ class Search:
         gain: by how much the last refinement lowered J.
         promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
         durations: bounds of the duration [s], where it is free; `problem` is then the problem at the duration reached.
+        warm: whether the guess is nearly optimal, on knots made for it.
         spent: shared with other searches of the same plan, and with copies.
     """
 
@@ -128,6 +129,7 @@ class Search:
     depth: float = 0.0
     hard: bool = False
     durations: tuple[float, float] | None = None
+    warm: bool = False
     spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
@@ -162,7 +164,7 @@ class Search:
         left = self.promise.error(self.objective, self.gain)
         self.error = None if left is None else left / scale
         self.spent.solve_s += time.perf_counter() - started
-        return left is not None and self.error <= accuracy * (UNMEASURED if self.gain is None else 1.0)
+        return left is not None and self.error <= accuracy * (UNMEASURED if self.gain is None and not self.warm else 1.0)
 
     def refine(self, accuracy: float) -> bool:
         """Prepare a finer level that should reach an accuracy; False where there is none."""
@@ -206,7 +208,7 @@ class Search:
     def _solve_level(self) -> None:
         if self.first_objective is None:
             self.first_objective = self._guessed_objective()
-        self._solve_rounds(WARM_BARRIER if self.levels else SolverOptions.barrier)
+        self._solve_rounds(WARM_BARRIER if self.levels or self.warm else SolverOptions.barrier)
 
     def _solve_rounds(self, barrier: float) -> None:
         """Solve, and again with more rows, until a check finds nothing to add."""
