@@ -116,6 +116,23 @@ class Campaign:
             searches += self._on_finer_knots(next(self._attempts(targets)))
         return self._best(searches)
 
+    def resume(self, begun: Search) -> Search:
+        """Go on from the optimum of a similar problem: on its knots, with its rows, in the time of this one."""
+        targets = self._targets()
+        if self.durations is not None:
+            low, high = self.durations
+            self.problem = self.problem.lasting(float(np.clip(begun.trajectory.duration, low, high)))
+        self.avoidance = avoidance_of(self.problem)
+        self.given = begun.trajectory
+        attempt = self._given(targets)
+        search = begun.restarted(self.problem, self.options, self._relaxed(attempt), self.spent)
+        search.durations = self.durations
+        self.searches.append(search)
+        self.tried.append("the optimum before")
+        self.current = search
+        search.advance()
+        return self._best(self.searches)
+
     def _first_duration(self, goal: np.ndarray) -> float:
         if self.given is None:
             return first_duration(self.problem, self.durations, goal, self.kernels)

@@ -87,21 +87,45 @@ def plan(
     start = guess.trajectory if isinstance(guess, Plan) else guess
     if start is not None:
         check_guess(problem, start)
+    result, _ = planned(problem, parameterization, given, start, verbose)
+    if throw and result.status not in (Status.SOLVED, Status.INTERRUPTED):
+        raise NoSolutionFound(result)
+    return result
+
+
+def planned(
+    problem: Problem,
+    parameterization: Parameterization,
+    given: dict,
+    guess: Trajectory | None = None,
+    verbose: bool | Progress = False,
+    begun: Search | None = None,
+) -> tuple[Plan, Search]:
+    """A plan, and the search that found it.
+
+    Args:
+        given: starts, seed, time_limit, iterations and path_search, as for `plan`, checked.
+        begun: the search of a similar problem, whose optimum, knots and rows this one goes on from.
+
+    Raises:
+        ProblemError: the request is impossible whatever the motion.
+    """
     durations = problem.durations if problem.free_duration else None
     problem = problem.lasting(problem.durations[1])
     check_feasibility(problem)
     started = time.perf_counter()
     kernels = kernels_of(problem.robot.dynamics)
     loaded = time.perf_counter() - started
-    deadline = None if time_limit is None else time.monotonic() + time_limit
-    given |= {"durations": durations} if durations else {}
-    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given,
+    limit, own = given["time_limit"], {} if durations is None else {"durations": durations}
+    deadline = None if limit is None else time.monotonic() + limit
+    settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given, **own,
                 "kernels": kernels.kind}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
-        options = SearchOptions(iterations, deadline=deadline, progress=_progress(verbose), stop=interrupted)
-        campaign = Campaign(problem, parameterization, kernels, options, seed, path_search=path_search, durations=durations, given=start)
+        options = SearchOptions(given["iterations"], deadline=deadline, progress=_progress(verbose), stop=interrupted)
+        how = {"path_search": given["path_search"], "durations": durations, "given": guess}
+        campaign = Campaign(problem, parameterization, kernels, options, given["seed"], **how)
         try:
-            search = campaign.run(starts)
+            search = campaign.run(given["starts"]) if begun is None else campaign.resume(begun)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
             search = campaign.interrupted() if interrupted() else None
             if search is None:
@@ -112,9 +136,7 @@ def plan(
             result = replace(result, status=Status.INTERRUPTED, message=_SENTENCE[Status.INTERRUPTED])
     if callable(options.progress) and verbose is True:
         sys.stderr.write("\n")
-    if throw and result.status not in (Status.SOLVED, Status.INTERRUPTED):
-        raise NoSolutionFound(result)
-    return result
+    return result, search
 
 
 def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:

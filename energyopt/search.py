@@ -143,6 +143,25 @@ class Search:
         """The search as it is now; what is done to one is not done to the other."""
         return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
 
+    def restarted(self, problem: Problem, options: SearchOptions, avoidance: Avoidance | None, spent: Spent) -> Search:
+        """A search of a similar problem that begins with this one's motion, knots and rows, in its own duration."""
+        factor = problem.duration / self.space.duration
+        return Search(
+            problem,
+            self.space.stretched(problem.duration),
+            self.kernels,
+            self.trajectory.stretched(problem.duration),
+            options,
+            avoidance,
+            name=self.name,
+            cuts=self.cuts.stretched(factor),
+            stiffness=self.stiffness,
+            hard=self.hard,
+            first_objective=self.first_objective,
+            warm=True,
+            spent=spent,
+        )
+
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
         started, built = time.perf_counter(), self.spent.build_s
