@@ -52,10 +52,12 @@ _HOME = {
     "plot_joints": "plotting",
     "plot_metrics": "plotting",
     "plot_scene": "plotting",
+    "plot_sweep": "plotting",
     "replay": "simulation",
     "retime": "retiming",
     "replay_trials": "robust",
     "robustness": "robust",
+    "sweep": "sweep",
     "uniform_scaling": "timing",
     "validate": "validation",
 }

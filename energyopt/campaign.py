@@ -394,7 +394,7 @@ def search_once(
     campaign = Campaign(problem, parameterization, kernels, options, seed=0, durations=durations)
     campaign.avoidance = avoidance_of(problem)
     search = campaign._searched(campaign._space(), attempt)
-    return replace(search, problem=None, kernels=None, options=None, avoidance=None)
+    return search.sent()
 
 
 def _promising(search: Search) -> bool:

@@ -11,11 +11,14 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from energyopt import __version__
 from energyopt.errors import EnergyOptError, FileError
 from energyopt.stopping import INTERRUPTED
+
+if TYPE_CHECKING:
+    import numpy as np
 
 VALID, INVALID, BAD_INPUT, BROKEN_PIPE = 0, 1, 2, 141
 
@@ -55,6 +58,7 @@ def _parser() -> _Parser:
     _add_plan(commands)
     _add_batch(commands)
     _add_replay(commands)
+    _add_sweep(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
     bench.set_defaults(command=_bench)
@@ -101,6 +105,16 @@ def _add_overrides(command: argparse.ArgumentParser) -> None:
     given.add_argument("--time-limit", type=float, metavar="S", help="stop solving after this time", dest="method.time_limit")
 
 
+def _add_sweep(commands: argparse._SubParsersAction) -> None:
+    sweep = commands.add_parser("sweep", help="what a motion costs against the time it is given")
+    sweep.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
+    sweep.add_argument("--duration", type=_durations, required=True, metavar="FROM:TO:COUNT", help="durations [s], such as 0.8:4:20")
+    sweep.add_argument("--out", type=_folder, metavar="DIR", help="folder for sweep.csv, sweep.json and sweep.png")
+    sweep.add_argument("--no-figures", action="store_true", help="leave out the figure")
+    sweep.add_argument("--processes", type=int, metavar="N", help="at most this many; one a core by default")
+    sweep.set_defaults(command=_sweep)
+
+
 def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay = commands.add_parser("replay", help="replay a saved plan in MuJoCo")
     replay.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
@@ -142,6 +156,21 @@ def _batch(parsed: argparse.Namespace) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> dict:
     return {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
+
+
+def _sweep(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_task
+    from energyopt.sweep import DEFAULTS, sweep
+
+    problem, options = load_task(parsed.problem)
+    known = {key: value for key, value in options.items() if key in (*DEFAULTS, "parameterization")}
+    curve = sweep(problem, parsed.duration, processes=parsed.processes, **known)
+    print(curve)
+    if parsed.out is not None:
+        from energyopt.sweep_files import write_sweep
+
+        print("files: " + ", ".join(str(path) for path in write_sweep(curve, parsed.out, not parsed.no_figures)))
+    return VALID if any(point.solved for point in curve.points) else INVALID
 
 
 def _replay(parsed: argparse.Namespace) -> int:
@@ -227,6 +256,20 @@ def _accuracy(text: str) -> float | bool:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text[:80]}': expected a relative error between 0 and 1, or none") from None
+
+
+def _durations(text: str) -> np.ndarray:
+    """Even steps from the first to the last, both included."""
+    import numpy as np
+
+    try:
+        first, last, count = text.split(":")
+        times = np.linspace(float(first), float(last), int(count))
+        if 1 <= len(times) <= 1000 and np.all(times > 0) and np.all(np.isfinite(times)):
+            return times
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"'{text[:80]}': expected FROM:TO:COUNT in seconds, such as 0.8:4:20, 1000 at most")
 
 
 def _folder(text: str) -> Path:

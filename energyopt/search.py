@@ -16,7 +16,7 @@ import numpy as np
 from energyopt.avoidance import Avoidance
 from energyopt.clearance_checks import clearance_of
 from energyopt.collision import Hinge
-from energyopt.dynamics.kernels import Kernels
+from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
@@ -161,6 +161,18 @@ class Search:
             warm=True,
             spent=spent,
         )
+
+    def on_knots_of(self, other: Search) -> Search:
+        """The same motion and rows, on the knots of another search, run through in this one's time."""
+        return replace(self.copy(), space=other.space.stretched(self.space.duration))
+
+    def sent(self) -> Search:
+        """Without what cannot be sent to another process, or is there already."""
+        return replace(self, problem=None, kernels=None, options=None, avoidance=None)
+
+    def received(self, problem: Problem) -> Search:
+        """What was `sent`, to go on from (see `restarted`)."""
+        return replace(self, problem=problem, kernels=kernels_of(problem.robot.dynamics))
 
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
