@@ -35,9 +35,10 @@ from energyopt.workers import cores
 BASELINES = ("quintic", "trapezoidal")
 """Ordinary motions to compare with at every duration."""
 MOST_DURATIONS = 1000
-WORTH_CARRYING = 2e-3
-"""Share of J that a neighbour's motion has to promise before a duration is solved again."""
-PASSES = 4
+WORTH_CARRYING = 0.01
+"""Share of J that a neighbour's motion has to promise before a duration is solved again, and to give to be taken."""
+SAMPLES = 400
+"""Samples of a motion for its measures of energy."""
 WORTH_PROCESSES = 6.0
 """Estimated seconds of a sweep from which a second process, which takes some to start, is worth it."""
 SHARE = 0.5
@@ -146,7 +147,7 @@ def sweep(
 
 def energy_measures(problem: Problem, motion: Trajectory) -> dict[str, float]:
     """J, ∫Στ² dt, Σ∫|τq̇| dt [J] and, where the drives are known, the electrical energy [J] of a motion."""
-    seen = metrics(problem, motion)
+    seen = metrics(problem, motion, SAMPLES)
     found = {
         "objective": objective(problem, motion),
         "torque_squared": seen.torque_squared,
@@ -226,23 +227,24 @@ def _both_sides(problem, parameterization, given, first: _Found, sides, parallel
 
 
 def _carried(problem: Problem, parameterization: Parameterization, given: dict, found: list) -> list:
-    """Better optima carried over from neighbours, until there are none."""
+    """Better optima carried over from neighbours, upwards and then downwards."""
     found = list(found)
-    for _ in range(PASSES):
-        better = False
-        for k, (T, plan, search, _) in enumerate(found):
-            for other in (found[j] for j in (k - 1, k + 1) if 0 <= j < len(found)):
-                if _promises(problem, T, plan, other[1]):
-                    answer = _followed(problem, T, parameterization, given, other[2])
-                    if answer[0] is not None and answer[0].solved and not (plan and plan.objective <= answer[0].objective):
-                        found[k], better = (T, *answer), True
-                        plan, search = answer[:2]
-        if not better:
-            break
+    for step in (1, -1):
+        for k in range(len(found))[::step]:
+            T, plan, search, why = found[k]
+            other = found[k - step] if 0 <= k - step < len(found) else None
+            if other is None or not _promises(T, plan, other[1]):
+                continue
+            answer = _followed(problem, T, parameterization, given, other[2])
+            found[k] = min(((T, plan, search, why), (T, *answer)), key=lambda entry: _price(entry[1]))
     return found
 
 
-def _promises(problem: Problem, duration: float, plan: Plan | None, other: Plan | None) -> bool:
+def _price(plan: Plan | None) -> float:
+    return plan.objective if plan is not None and plan.solved else np.inf
+
+
+def _promises(duration: float, plan: Plan | None, other: Plan | None) -> bool:
     """Whether the neighbour's motion, in this time, is better than what was found."""
     if other is None or not other.solved:
         return False
@@ -265,8 +267,7 @@ def _point(problem: Problem, duration: float, plan: Plan | None, why: str) -> Sw
 
 def _best(problem: Problem, parameterization: Parameterization, given: dict, points: tuple[SweepPoint, ...]) -> Plan:
     """The plan of least J with a free duration between the neighbours of the cheapest point."""
-    costs = [point.plan.objective if point.solved else np.inf for point in points]
-    k = int(np.argmin(costs))
+    k = int(np.argmin([_price(point.plan) for point in points]))
     low, high = points[max(k - 1, 0)].duration, points[min(k + 1, len(points) - 1)].duration
     if low == high:
         return points[k].plan

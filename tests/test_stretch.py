@@ -6,11 +6,14 @@ import pytest
 
 import energyopt as eo
 from energyopt.actuators import ActuatorModel, Actuators
+from energyopt.avoidance import avoidance_of
 from energyopt.baselines import baseline
+from energyopt.collision import Hinge
 from energyopt.costs import AccelerationSquared, ElectricalEnergy, JerkSquared, MechanicalPower, TorqueSquared, VelocitySquared
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.transcription import Cuts, transcribe
+from energyopt.transcription.clearance import ClearanceTerms
 
 DRIVE = ActuatorModel(torque_constant=0.1, gear_ratio=100.0, resistance=0.5, efficiency=0.8, regeneration=0.4)
 DRIVES = Actuators([DRIVE, DRIVE], shared_bus=True, standby_power=12.0)
@@ -60,9 +63,26 @@ def test_derivatives_with_a_free_duration(space, costs, compiled):
     problem = make_problem(two_link, costs=None if costs == "squares" else terms).lasting(1.2)
     kernels = kernels_of(two_link.dynamics, compiled)
     program = transcribe(problem, space.space(1.2), kernels, cuts(), durations=(0.7, 3.0))
+    check_derivatives(program, problem)
+
+
+@pytest.mark.parametrize("name", ["xarm7_conveyor", "panda_clutter"])
+def test_derivatives_of_clearance_with_a_free_duration(name):
+    """A part on a conveyor moves on while the duration grows; shelves stand still."""
+    problem = eo.load_problem(name).lasting(2.5)
+    avoidance, instants = avoidance_of(problem), np.linspace(0.0, 2.5, 40)
+    rows, penalised = {(0.8, 5, 0): 0.01, (1.4, 9, -2): 0.0}, (instants, np.full(40, 2.5 / 40))
+    terms = lambda space, unknowns, cuts: ClearanceTerms(avoidance, space, unknowns, rows, Hinge(500.0, 0.05), penalised)
+    space = BSpline(control_points=9).space(2.5)
+    program = transcribe(problem, space, kernels_of(problem.robot.dynamics), Cuts(), terms, durations=(1.0, 5.0))
+    check_derivatives(program, problem)
+    assert program.extras[0].objective() > 0
+
+
+def check_derivatives(program, problem):
     rng = np.random.default_rng(3)
     x = program.guess(baseline(problem, "quintic"))
-    x = x + 0.1 * rng.normal(size=program.size)
+    x = x + 0.05 * rng.normal(size=program.size)
     x[-1] = 0.23
     multipliers = rng.normal(size=program.rows)
     _, _, gradient, J, H = derivatives(program, x, 0.7, multipliers)

@@ -21,6 +21,7 @@ from energyopt.collision import Hinge
 from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.transcription.extras import ThetaTerms
 
 STEP, SAMPLES = 0.02, (40, 300)
 """Distance [m] a sphere moves, about, from one sample of the penalty to the next, and bounds of their number."""
@@ -38,6 +39,9 @@ FEW = 2
 STRIDE = 6
 """Rows a pair of links gets at one instant, and every which sample of a stretch is such an instant."""
 
+
+TICK = 2e-6
+"""Seconds by which obstacles that move are moved on to see how distances change."""
 
 Bounds = dict[tuple[float, int, int], float]
 """Least distances [m] by (time, a, b), pairs as in `collision`."""
@@ -61,16 +65,17 @@ class ClearanceTerms:
         self._avoidance, self._unknowns = avoidance, unknowns
         keys = sorted(rows)
         row_times = np.array([t for t, *_ in keys])
-        self._weight, self._bent_last = samples[1], True
+        self._weight = self._planned_weight = samples[1]
+        self._bent_last, self._theta, self._turned = True, 0.0, None
         instants, self._row_sample = np.unique(row_times, return_inverse=True)
         self._pairs = np.array([pair for _, *pair in keys], np.int64).reshape(-1, 2)
         none = np.zeros(0)
         self.lower = self.upper = none
         self.row_lower = np.array([rows[key] for key in keys])
         self.row_upper = np.full(len(keys), np.inf)
-        template = replace(avoidance.scene, hinge=hinge)
-        self._penalised = avoidance.kernels.prepare(template.at(samples[0]))
-        self._bounded = avoidance.kernels.prepare(template.at(instants))
+        self._template, self._times = replace(avoidance.scene, hinge=hinge), (samples[0], instants)
+        self._moves = any(obstacle.moves for obstacle in avoidance.scene.obstacles)
+        self._penalised, self._bounded = self._prepared()
         self._nv = avoidance.arm.nv
         self._lay_out(space, np.concatenate([samples[0], instants]))
 
@@ -91,9 +96,62 @@ class ClearanceTerms:
         i, j = self._meet[:, :1, None] * self._nv + i, self._meet[:, 1:, None] * self._nv + j
         return i[self._kept], j[self._kept]
 
+    def stretch(self, theta):
+        self._weight = self._planned_weight * np.exp(theta)
+        if self._moves and theta != self._theta:
+            self._theta = theta
+            self._penalised, self._bounded = self._prepared()
+
+    def in_theta(self, x, sigma, multipliers):
+        """With ω and t growing as e^θ, and f_t from differences in time of what is exact in q (see `_drift`):
+        dE/dθ = E + Σωtf_t, ∂²E/∂θ∂x = ∇E + Σωt∇f_t, d²E/dθ² = E + Σω(3tf_t + t²f_tt); rows likewise without ω."""
+        own, nothing = self.objective(), np.zeros(self._unknowns.count * self._nv)
+        crossed = nothing if not self.priced else sigma * self.gradient()
+        if not self._moves:
+            return ThetaTerms(own, 0.0, crossed, sigma * own)
+        (f_t, f_tt, slope_t), (d_t, d_tt, row_t) = self._drift()
+        late, instants = (times * np.exp(self._theta) for times in self._times)
+        rows = instants[self._row_sample] * d_t
+        bent = sigma * (own + self._weight @ (3.0 * late * f_t + late**2 * f_tt))
+        bent += float(multipliers @ (rows + instants[self._row_sample] ** 2 * d_tt))
+        if self.priced:
+            crossed = crossed + sigma * (self._gather @ ((self._weight * late)[:, None] * slope_t)).ravel()
+        shares = (multipliers * instants[self._row_sample])[self._entry_row, None] * self._entry_share[:, None]
+        crossed = crossed.reshape(-1, self._nv).copy()
+        np.add.at(crossed, self._entry_block, shares * row_t[self._entry_row])
+        return ThetaTerms(own + float(self._weight @ (late * f_t)), rows, crossed.ravel(), float(bent))
+
+    def _prepared(self, ahead: float = 0.0):
+        """Kernels at the instants of penalty and rows, seconds ``ahead``."""
+        scenes = (self._template.at(np.exp(self._theta) * times + ahead) for times in self._times)
+        return tuple(map(self._avoidance.kernels.prepare, scenes))
+
+    def _drift(self):
+        """Of penalty and rows: first and second derivative in time and the first of the gradient, the arm standing still."""
+        if self._turned is None:
+            before, now, after = (self._at_time(ahead) for ahead in (-TICK, 0.0, TICK))
+            self._turned = [
+                ((late - early) / (2 * TICK), (late - 2 * mid + early) / TICK**2, (late_slope - early_slope) / (2 * TICK))
+                for (early, early_slope), (mid, _), (late, late_slope) in zip(before, now, after, strict=True)
+            ]
+        return self._turned
+
+    def _at_time(self, ahead: float):
+        """Penalty at each instant and distance of each row, with their derivatives in q, where obstacles are ``ahead``."""
+        penalised, bounded = self._prepared(ahead)
+        count, nothing = len(self._weight), (np.zeros(0), np.zeros((0, self._nv)))
+        penalty = rows = nothing
+        if count:
+            energy, slope, _ = penalised(self._q[:count]).penalty()
+            penalty = energy.sum(axis=1), slope
+        if len(self._pairs):
+            rows = bounded(self._q[count:]).pairs(self._row_sample, self._pairs)
+        return penalty, rows
+
     def evaluate(self, x):
         count, penalised = self._unknowns.count, len(self._weight)
-        q = self._offset + self._spread @ x[: count * self._nv].reshape(count, self._nv)
+        self._turned = None
+        self._q = q = self._offset + self._spread @ x[: count * self._nv].reshape(count, self._nv)
         if penalised:
             self._placed = self._penalised(q[:penalised])
             self._penalty = self._placed.penalty(derivatives=self._bent_last)
