@@ -108,7 +108,8 @@ def _add_overrides(command: argparse.ArgumentParser) -> None:
 def _add_sweep(commands: argparse._SubParsersAction) -> None:
     sweep = commands.add_parser("sweep", help="what a motion costs against the time it is given")
     sweep.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
-    sweep.add_argument("--duration", type=_durations, required=True, metavar="FROM:TO:COUNT", help="durations [s], such as 0.8:4:20")
+    given = {"required": True, "metavar": "FROM:TO:COUNT", "help": "durations [s], such as 0.8:4:20"}
+    sweep.add_argument("--duration", type=_durations, **given)
     sweep.add_argument("--out", type=_folder, metavar="DIR", help="folder for sweep.csv, sweep.json and sweep.png")
     sweep.add_argument("--no-figures", action="store_true", help="leave out the figure")
     sweep.add_argument("--processes", type=int, metavar="N", help="at most this many; one a core by default")

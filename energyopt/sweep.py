@@ -118,7 +118,7 @@ def sweep(
         problem: its own duration does not matter.
         durations: [s], in any order.
         parameterization, options: as for `plan` (starts, seed, time_limit, iterations, path_search); limits hold for each.
-        processes: at most this many; one a core by default. The curve does not depend on it.
+        processes: at most this many; one a core by default. The curve is the same for any number.
 
     Raises:
         InputError: an argument makes no sense. NoSolutionFound: there is no valid plan for any duration.
@@ -222,8 +222,11 @@ def _both_sides(problem, parameterization, given, first: _Found, sides, parallel
         away: Future = workers.submit(chain_of_parcel, packed(problem), sides[1], parameterization, given, sent)
         below = _chain(problem, sides[0], parameterization, given, begun)
         above = away.result()
-    restored = lambda T, plan: plan and replace(plan, problem=problem.lasting(T))
-    return [below, [(T, restored(T, plan), search and search.received(problem.lasting(T)), why) for T, plan, search, why in above]]
+    restored = []
+    for T, plan, search, why in above:
+        own = problem.lasting(T)
+        restored.append((T, plan and replace(plan, problem=own), search and search.received(own), why))
+    return [below, restored]
 
 
 def _carried(problem: Problem, parameterization: Parameterization, given: dict, found: list) -> list:
