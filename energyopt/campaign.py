@@ -55,6 +55,8 @@ HOPELESS = 0.03
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
 WORTH_PROCESSES = 6.0
 """Estimated time of further searches [s] from which processes, which take seconds to start, are worth it."""
+GRACE = 0.3
+"""Seconds after the end of a time limit in which processes may still answer."""
 STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 
 
@@ -215,13 +217,16 @@ class Campaign:
         sent: dict[int, Attempt] = {}
         found: list[tuple[int, Search]] = []
         first, stop = len(self.searches), self.options.stop or (lambda: False)
+        late = lambda grace: (left := self.options.remaining()) is not None and left < -grace
 
         def calls() -> Iterator[tuple]:
             for k, attempt in enumerate(attempts):
+                if late(0.0):  # looking for a path may have taken all there was
+                    return
                 sent[k] = attempt
                 yield self.problem, self.durations, self.parameterization, attempt, self.options.iterations, self.options.deadline
 
-        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, stop):
+        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, lambda: stop() or late(GRACE)):
             attempt = sent.pop(k)
             search = self._received(answer, attempt) if isinstance(answer, Search) else self._searched(self._space(), attempt)
             self.searches.append(search)
