@@ -28,7 +28,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "robust",
     "validation validation_text",
     "plots plotting report report_energy report_parts report_problem report_scene",
-    "workflow batch_files",
+    "workflow batch_files robust_workflow",
     "tables",
     "cli",
     "__main__",
