@@ -51,6 +51,7 @@ _HOME = {
     "plot_energy": "plotting",
     "plot_joints": "plotting",
     "plot_metrics": "plotting",
+    "plot_robustness": "plotting",
     "plot_scene": "plotting",
     "plot_sweep": "plotting",
     "replay": "simulation",

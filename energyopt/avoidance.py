@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -43,12 +43,15 @@ class Avoidance:
         kernels: distances between them.
         scene: obstacles, walls and requirements; its times are those of nothing yet.
         margin: clearance from obstacles, and reserve [m].
+        given: how much less is asked than that, by exact geometry (see `transcription.easing`), of each link and obstacle and
+            then of each two links [m], shape (L·O + P,).
     """
 
     arm: SphereArm
     kernels: PairKernels
     scene: Scene
     margin: float
+    given: np.ndarray | float = 0.0
 
     @property
     def eased(self) -> bool:
@@ -80,6 +83,29 @@ class Avoidance:
             np.minimum(required, d - END_RESERVE, out=required)
             np.minimum(required_self, d_self - END_RESERVE, out=required_self)
         return replace(self, scene=replace(self.scene, required=required, required_self=required_self))
+
+    def less(self, more: np.ndarray, most: float) -> Avoidance:
+        """With that much less asked of each link and obstacle, then of each two links [m], (L·O + P,), than is now; more where
+        that is negative. In all no more than at first, and less by ``most`` [m] at most."""
+        arm, count = self.arm, len(self.scene.obstacles)
+        given = np.clip(self.given + more, 0.0, most)
+        change = given - self.given
+        of_sphere = np.repeat(np.arange(len(arm.links)), np.diff(arm.link_start))
+        required = self.scene.required - change[: len(arm.links) * count].reshape(len(arm.links), count)[of_sphere]
+        required_self = self.scene.required_self.copy()
+        for (first, second), amount in zip(arm.self_pair, change[len(arm.links) * count :], strict=True):
+            a, b = (slice(arm.link_start[k], arm.link_start[k + 1]) for k in (first, second))
+            required_self[a, b] -= amount
+        return replace(self, scene=replace(self.scene, required=required, required_self=required_self), given=given)
+
+    def centers(self, q: np.ndarray) -> np.ndarray:
+        """Centres of all spheres [m], shape (K, S, 3), at configurations ``q`` (K, nv)."""
+        return self.kernels.place(self._empty.at(np.zeros(len(q))), q).centers()
+
+    @cached_property
+    def _empty(self) -> Scene:
+        """The arm alone."""
+        return Scene.of(self.arm, (), [0.0])
 
     def _all_distances(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         arm, obstacles = self.arm, self.scene.obstacles

@@ -31,7 +31,7 @@ from energyopt.refinement import bisected, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import first_duration, goals, guesses
 from energyopt.solvers import Outcome
-from energyopt.transcription.clearance import overlap
+from energyopt.transcription.penalty import overlap
 from energyopt.verification import is_valid, verify
 from energyopt.workers import call_all
 
@@ -54,8 +54,12 @@ FIRM = 2
 """Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards."""
 HOPELESS = 0.03
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
+COSTLY = 1.25
+"""J over that of the optimum without obstacles, from which a second guess is tried: much may be gained."""
 WORTH_PROCESSES = 6.0
 """Estimated time of further searches [s] from which processes, which take seconds to start, are worth it."""
+GRACE = 0.3
+"""Seconds after the end of a time limit in which processes may still answer."""
 STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 
 
@@ -89,6 +93,8 @@ class Campaign:
     _verdict: tuple[Trajectory, Violations] | None = None
     avoidance: Avoidance | None = None
     searches: list[Search] = field(default_factory=list)
+    worse: list[Search] = field(default_factory=list)
+    without_obstacles: float | None = None
     current: Search | None = None
 
     def run(self, starts: int | None) -> Search:
@@ -110,6 +116,8 @@ class Campaign:
             rest = wanted - len(searches)
             if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
                 self._in_processes(islice(source, rest))
+        if starts is None and len(searches) == 1:
+            self._look_further(source)
         if searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
@@ -143,8 +151,8 @@ class Campaign:
         ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
         finished: list[Search] = []
         held: list[Search] = []
-        for k, search in enumerate(ranked[:MOST_FINISHED]):
-            rival = _promising(search) and search.objective <= CLOSE * ranked[0].objective
+        for k, search in enumerate([*ranked[:MOST_FINISHED], *self.worse]):
+            rival = k < len(ranked) and _promising(search) and search.objective <= CLOSE * ranked[0].objective
             known = any(abs(search.objective - other.objective) <= SAME * search.objective for other in ranked[:k])
             if held and (known or not rival):
                 continue
@@ -242,20 +250,36 @@ class Campaign:
         if search.outcome in STOP or (not hopeless and search.clear()):
             self.searches.append(search)
         else:
+            self.without_obstacles = search.objective if search.converged else None
             self.tried.pop()
+
+    def _look_further(self, source: Iterator[Attempt]) -> None:
+        """Another guess, where obstacles make the motion much dearer: the better of the two stays in ``searches``."""
+        first, free = self.searches[0], self.without_obstacles
+        if free is None or not _promising(first) or first.objective <= COSTLY * free:
+            return
+        second = self._searched(self._space(), next(source))
+        if second.outcome is Outcome.INTERRUPTED:
+            self.searches.append(second)
+        elif _promising(second):
+            better, other = sorted((first, second), key=lambda search: search.objective)
+            self.searches[:], self.worse = [better], [other]
 
     def _in_processes(self, attempts: Iterator[Attempt]) -> None:
         """The same searches in worker processes; in the end they stand in the order of the attempts."""
         sent: dict[int, Attempt] = {}
         found: list[tuple[int, Search]] = []
         first, stop = len(self.searches), self.options.stop or (lambda: False)
+        late = lambda grace: (left := self.options.remaining()) is not None and left < -grace
 
         def calls() -> Iterator[tuple]:
             for k, attempt in enumerate(attempts):
+                if late(0.0):  # looking for a path may have taken all there was
+                    return
                 sent[k] = attempt
                 yield self.problem, self.durations, self.parameterization, attempt, self.options.iterations, self.options.deadline
 
-        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, stop):
+        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, lambda: stop() or late(GRACE)):
             attempt = sent.pop(k)
             search = self._received(answer, attempt) if isinstance(answer, Search) else self._searched(self._space(), attempt)
             self.searches.append(search)
@@ -343,7 +367,7 @@ class Campaign:
         reason = self._levels(levels)
         held = last = levels[-1]
         for level in reversed(levels):
-            level.harden()
+            level.harden(self._accuracy)
             if level.outcome in STOP or self._holds(level):
                 held = level
                 break
@@ -358,10 +382,15 @@ class Campaign:
             held.reason = _stopped(held.error, reason)
         return held
 
+    @property
+    def _accuracy(self) -> float | None:
+        """Of J, where it is asked for."""
+        return self.parameterization.accuracy if isinstance(self.parameterization, BSpline) else None
+
     def _levels(self, levels: list[Search]) -> str:
         """Append a copy of the search for every level it converged on; returns why it stopped early, or nothing."""
-        spline, search = self.parameterization, levels[0]
-        accuracy = spline.accuracy if isinstance(spline, BSpline) else None
+        search, accuracy = levels[0], self._accuracy
+        search.ease()
         levels[:] = [search.copy()]
         while accuracy and search.converged:
             reached = search.reaches(accuracy)

@@ -59,6 +59,7 @@ def _parser() -> _Parser:
     _add_batch(commands)
     _add_replay(commands)
     _add_sweep(commands)
+    _add_robust(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
     bench.set_defaults(command=_bench)
@@ -131,6 +132,24 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay.set_defaults(command=_replay)
 
 
+def _add_robust(commands: argparse._SubParsersAction) -> None:
+    robust = commands.add_parser("robust", help="energy, limits and replays of a saved plan for arms unlike their model")
+    robust.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    robust.add_argument("--payload", type=_bounds, metavar="LO:HI", help="mass carried besides [kg], such as 0:2")
+    robust.add_argument("--masses", type=float, default=0.0, metavar="PERCENT", help="± on the masses of the arm's bodies")
+    robust.add_argument("--friction", type=float, default=0.0, metavar="PERCENT", help="± on the friction of the joints")
+    robust.add_argument("--samples", type=int, default=100, metavar="N", help="cases drawn between the bounds")
+    robust.add_argument("--trials", type=int, default=50, metavar="N", help="replays in MuJoCo; 0 leaves them out")
+    robust.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws")
+    robust.add_argument("--delay", type=int, default=0, metavar="STEPS", help="physics steps from measurement to torque")
+    robust.add_argument("--position-noise", type=float, default=0.0, metavar="SD", help="of the sensors [rad]")
+    robust.add_argument("--velocity-noise", type=float, default=0.0, metavar="SD", help="of the sensors [rad/s]")
+    robust.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
+    robust.add_argument("--collisions", action=argparse.BooleanOptionalAction, help="insist on contacts, or leave them out")
+    robust.add_argument("--out", type=_folder, metavar="DIR", help="folder for robustness.json and robustness.png")
+    robust.set_defaults(command=_robust)
+
+
 def _plan(parsed: argparse.Namespace) -> int:
     from energyopt.io import load_task
     from energyopt.plans import Status
@@ -188,6 +207,20 @@ def _replay(parsed: argparse.Namespace) -> int:
         options["plant"] = _model(parsed.model)
     outcome = judge_and_write(plan, parsed.out, figures=not parsed.no_figures, **options)
     return _shown(outcome)
+
+
+def _robust(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_plan
+    from energyopt.robust_workflow import run
+
+    path = Path(parsed.plan)
+    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    bounds = {key: getattr(parsed, key) for key in ("payload", "masses", "friction")}
+    names = ("delay", "position_noise", "velocity_noise", "physics_step", "collisions")
+    replay = {name: getattr(parsed, name) for name in names if getattr(parsed, name) is not None}
+    found = run(plan, bounds, parsed.samples, parsed.trials, parsed.seed, replay, parsed.out)
+    print(found)
+    return VALID if found.holds else INVALID
 
 
 def _shown(outcome, quiet: bool = False) -> int:
@@ -271,6 +304,15 @@ def _durations(text: str) -> np.ndarray:
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"'{text[:80]}': expected FROM:TO:COUNT in seconds, such as 0.8:4:20, 1000 at most")
+
+
+def _bounds(text: str) -> tuple[float, float]:
+    """Two numbers with a colon between them; one number is both."""
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high or low)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text[:80]}': expected two numbers with a colon between, such as 0:2") from None
 
 
 def _folder(text: str) -> Path:

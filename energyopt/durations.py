@@ -20,7 +20,7 @@ from energyopt.least_times import legs_of
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 from energyopt.problem import FramePose, Problem
 from energyopt.robots.model import Limits, RobotModel
-from energyopt.timing.paths import as_path, check_positions
+from energyopt.timing.paths import as_path, by_length, check_positions, is_still
 from energyopt.timing.reachability import fastest
 from energyopt.timing.slowness import allowed_durations
 from energyopt.verification import describe, is_valid, verify
@@ -68,13 +68,15 @@ def minimum_duration(
     Args:
         path: a motion, whose timing does not count, or configurations (K, nv) [rad], through which a natural cubic spline goes.
         robot: the arm. limits: in place of its own.
-        start_speed, goal_speed: ds/dt at the ends, from rest to rest by default.
+        start_speed, goal_speed: ds/dt at the ends (of a motion that starts or ends at rest: of its length), zero by default.
 
     Raises:
         InputError: no path, one outside the position limits, or one that the arm cannot be held still on.
     """
     curve, limits = as_path(path, robot), limits or robot.limits
     check_positions(curve, robot, limits)
+    if is_still(curve, 0) or is_still(curve, -1):
+        curve = by_length(curve)[0]
     return fastest(curve, robot, limits, start_speed, goal_speed).duration
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from energyopt.arguments import check_names, check_plan
 from energyopt.errors import InputError, NoSolutionFound, ProblemError
 from energyopt.parameterizations.path_trajectory import PathTrajectory
-from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem, Waypoint
 from energyopt.problem_values import duration as checked_duration
@@ -27,9 +27,9 @@ from energyopt.solvers import Interrupts, Outcome
 from energyopt.threads import single_thread
 from energyopt.timing.law_search import LawRequest, LawResult, even_law, optimal_law, smooth_law
 from energyopt.timing.law_space import Ends
-from energyopt.timing.paths import as_path, check_positions, is_still
+from energyopt.timing.paths import as_path, by_length, check_positions, is_still
 from energyopt.timing.profile import PathProfile
-from energyopt.timing.reachability import TimeLaw, fastest
+from energyopt.timing.reachability import fastest
 from energyopt.timing.uniform import UniformScaling, uniform_scaling
 from energyopt.verification import cost, describe, is_valid, verify
 
@@ -41,8 +41,8 @@ OPTIONS = (
 LEAST_SPANS, MOST_SPANS = 40, 120
 SPANS_PER_LEAST = 30
 """Spans in the shortest duration of the path: what happens fast in a slow motion needs them too."""
-TOO_SHORT = 0.99
-"""Share of the shortest duration below which none is looked for: the grid it was found on leaves an error of half a per cent."""
+TOO_SHORT = 0.97
+"""Share of the shortest duration below which none is looked for: the grid it was found on leaves an error."""
 TOO_SHORT_WITH_FRICTION = 0.8
 """The same where friction, which is counted on the safe side, has made it longer."""
 _STATUS = {
@@ -61,7 +61,23 @@ class _Task:
     curve: Trajectory
     problem: Problem
     ends: Ends
-    fastest: TimeLaw | None
+    fastest: _Fastest | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Fastest:
+    """How fast a path can be passed.
+
+    Attributes:
+        law: s(t). motion: the motion it gives.
+    """
+
+    law: Trajectory
+    motion: Trajectory
+
+    @property
+    def duration(self) -> float:
+        return self.law.duration
 
 
 def retime(
@@ -166,22 +182,29 @@ def _task(
     problem = Problem(robot, curve(0.0), curve(curve.duration), given, **options)
     check_positions(curve, robot, problem.limits)
     ends = Ends(tuple(None if is_still(curve, end) else v for end, v in zip((0, -1), speeds, strict=True)), smooth_ends)
-    law = _fastest(curve, robot, problem, speeds)
+    law = _fastest(curve, robot, problem, ends.speeds)
     low, high = problem.durations
     if law is not None:
         low = max(low, _shortest(law, robot, high))
     return _Task(curve, problem, ends, law), (low, high)
 
 
-def _fastest(curve: Trajectory, robot: RobotModel, problem: Problem, speeds: tuple[float, float]) -> TimeLaw | None:
-    """The fastest law; None where nothing limits it."""
+def _fastest(curve: Trajectory, robot: RobotModel, problem: Problem, speeds: tuple[float | None, ...]) -> _Fastest | None:
+    """The fastest law; None where nothing limits it. A path that stands still at an end is passed over its length."""
     limits = problem.limits
     if not any(np.any(np.isfinite(x)) for x in (limits.velocity, limits.acceleration, limits.torque)):
         return None
-    return fastest(curve, robot, limits, *speeds)
+    if None not in speeds:
+        law = fastest(curve, robot, limits, *speeds).places()
+        return _Fastest(law, PathTrajectory(curve, law))
+    even, u, places = by_length(curve)
+    law = fastest(even, robot, limits).places()
+    s = np.interp(law(law.breaks)[:, 0], u, places)
+    steps = np.stack([s[:-1], np.diff(s) / np.diff(law.breaks)], axis=1)[:, :, None]
+    return _Fastest(PolynomialTrajectory(law.breaks, steps), PathTrajectory(even, law))
 
 
-def _shortest(law: TimeLaw, robot: RobotModel, longest: float) -> float:
+def _shortest(law: _Fastest, robot: RobotModel, longest: float) -> float:
     """The duration from which a law is looked for, or an error where ``longest`` is below it."""
     dynamics = robot.dynamics
     rubs = np.any(dynamics.viscous_friction) or np.any(dynamics.coulomb_friction)
@@ -197,14 +220,14 @@ def _shortest(law: TimeLaw, robot: RobotModel, longest: float) -> float:
 def _guess(task: _Task, durations: tuple[float, float]) -> Trajectory:
     """The fastest law, or a smooth one, made to take the duration asked, or the cheapest that may be."""
     if task.fastest is not None:
-        law = task.fastest.places()
+        law, motion = task.fastest.law, task.fastest.motion
     else:
         shape = even_law if task.ends.speeds == (None, None) else smooth_law
         law = shape(task.curve, float(np.sqrt(durations[0] * durations[1])))
+        motion = PathTrajectory(task.curve, law)
     if durations[0] == durations[1]:
         return law.stretched(durations[0])
     problem = task.problem
-    motion = PathTrajectory(task.curve, law)
     scaling = uniform_scaling(motion, problem.robot, problem.velocity_weight, problem.torque_weights)
     return law.stretched(scaling.cheapest(durations))
 

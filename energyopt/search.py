@@ -2,7 +2,8 @@
 
 A search advances by levels. A level ends with a motion that is optimal in its motion space and inside all limits between
 the samples too; the next level has finer knots and starts from that motion. Where there is something to stay clear of, a
-penalty that begins a little before it has to keeps the motion away from it; at the end of the last level rows take its place.
+penalty that begins a little before it has to keeps the motion away from it. Where what that costs is more than the accuracy
+asked leaves, or the motion is not clear by exact geometry, rows take its place at the end of the last level.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ from energyopt.refinement import (
 )
 from energyopt.solvers import Outcome, SolverOptions, solve
 from energyopt.transcription import Cuts, NonlinearProgram, transcribe
-from energyopt.transcription.clearance import ClearanceTerms, close_pairs, overlap, penalty_samples, touching_pairs
+from energyopt.transcription.clearance import ClearanceTerms, close_pairs, touching_pairs
+from energyopt.transcription.easing import eased
+from energyopt.transcription.penalty import overlap, penalty_samples, price
 
 ROUNDS = 15
 """Times rows are added in one level before the search gives up."""
@@ -49,12 +52,16 @@ HINGE_BAND = 5e-3
 HINGE_DEPTH = 1e-2
 """Depth [m] at which a hinge of stiffness 1 costs, over the whole motion, as much as the guess does."""
 STIFFNESS = (0.03, 0.3, 3.0, 30.0)
-HARD, HARD_BAND = 20.0, 1e-3
+HARD, HARD_BAND = 40.0, 4e-4
 """How much stiffer the hinge is at the end, and the distance [m] at which it begins then."""
-ROUGH_TOLERANCE = 1e-3
-"""Of solves whose motion is only the start of another."""
+ROUGH_TOLERANCE = 1e-6, 1e-3
+"""Of solves with a penalty, which is no exact thing itself: as a share of the guess's J, and at most."""
+DEAR = 1e-3
+"""What a penalty may cost, as a share of J, where no accuracy is asked for."""
 CHANGED = 1e-2
 """Relative change of J by clearing a motion from which its discretisation is judged anew."""
+TAKEN_BACK = 2
+"""Times it is measured again what spheres ask too much, where a motion is not clear by exact geometry."""
 DEEP = 5e-3
 """Depth [m] of an overlap from which a stiffer hinge is tried; rows deal with less."""
 LEAST_SHARE = 1e-3
@@ -191,9 +198,8 @@ class Search:
         fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
         look = roughly if rough(self.problem) else promise
         self.promise = look(self.space, fine, fine.guess(self.trajectory))
-        scale = max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
         left = self.promise.error(self.objective, self.gain)
-        self.error = None if left is None else left / scale
+        self.error = None if left is None else left / self._scale
         self.spent.solve_s += time.perf_counter() - started
         return left is not None and self.error <= accuracy * (UNMEASURED if self.gain is None and not self.warm else 1.0)
 
@@ -208,13 +214,31 @@ class Search:
             self.space = refine(self.space, self.promise.by_span, AIM * accuracy / self.error, shortest)
         return True
 
-    def harden(self) -> bool:
+    def ease(self, back: bool = False) -> bool:
+        """Ask so much less of the spheres as exact geometry shows that they ask too much, and solve once more; with ``back``,
+        take back what was given too much."""
+        if self.avoidance is None or not self.stiffness or self.hard or not self.converged:
+            return self.converged
+        started, before = time.perf_counter(), self.avoidance
+        self.avoidance = eased(before, self.problem, self.trajectory, back)
+        if self.avoidance is not before:
+            self._solve_rounds(WARM_BARRIER)
+        self.spent.solve_s += time.perf_counter() - started
+        return self.converged
+
+    def harden(self, accuracy: float | None) -> bool:
         """Clear the motion of all overlaps, on the same knots; as `advance`, and from then on at every level.
 
-        The penalty becomes so stiff, and begins so late, that it moves the optimum by little; rows keep what it leaves. Does
-        nothing where the motion keeps clear and no penalty was needed.
+        Does nothing where the motion keeps clear and the penalty, if there is one, costs so little that the error stays below the
+        accuracy asked. Otherwise the penalty becomes so stiff, and begins so late, that it moves the optimum by little; rows keep
+        what it leaves.
         """
-        if self.avoidance is None or not self.converged or self.hard or (not self.stiffness and self.clear()):
+        if self.avoidance is None or not self.converged or self.hard:
+            return self.converged
+        for _ in range(TAKEN_BACK):
+            if not self.clear() and self.stiffness:
+                self.ease(back=True)
+        if self.clear() and self._is_cheap(accuracy):
             return self.converged
         started, free, unaware = time.perf_counter(), self.objective, not self.stiffness
         if self._stiffen():
@@ -224,8 +248,24 @@ class Search:
             self._solve_rounds(WARM_BARRIER)
         if unaware and abs(self.objective - free) > CHANGED * abs(free):
             self.gain = self.error = None  # what was measured holds for another motion
+        if self.converged and self.stiffness and self.error is not None:
+            self.error += self._price()
         self.spent.solve_s += time.perf_counter() - started
         return self.converged
+
+    def _is_cheap(self, accuracy: float | None) -> bool:
+        """Whether what the penalty costs is within the accuracy asked; it counts as error from then on."""
+        if not self.stiffness:
+            return True
+        share = self._price()
+        if share > (DEAR if accuracy is None or self.error is None else accuracy - self.error):
+            return False
+        self.error = None if self.error is None else self.error + share
+        return True
+
+    def _price(self) -> float:
+        """What the penalty costs, as a share of J."""
+        return price(self.avoidance, self.trajectory, self._hinge()) / self._scale
 
     def clear(self) -> bool:
         """Whether the motion keeps the clearance, by exact geometry."""
@@ -296,15 +336,23 @@ class Search:
         """The hinge or the rows, and a potential where the problem has one."""
         if self.avoidance is None:
             return None
-        samples, hinge = (np.zeros(0), np.zeros(0)), Hinge()
+        samples = (np.zeros(0), np.zeros(0))
         if self.stiffness or self.avoidance.scene.potential is not None:
             samples = penalty_samples(self.avoidance, self.trajectory)
-        if self.stiffness:
-            unit = 2.0 * abs(self.first_objective) / self.problem.duration / HINGE_DEPTH**2
-            hinge = Hinge(HARD * unit, HARD_BAND) if self.hard else Hinge(STIFFNESS[self.stiffness - 1] * unit, HINGE_BAND)
         if not (cuts.clearance or len(samples[0])):
             return None
-        return ClearanceTerms(self.avoidance, space, unknowns, cuts.clearance, hinge, samples)
+        return ClearanceTerms(self.avoidance, space, unknowns, cuts.clearance, self._hinge(), samples)
+
+    def _hinge(self) -> Hinge:
+        if not self.stiffness:
+            return Hinge()
+        unit = 2.0 * abs(self.first_objective) / self.problem.duration / HINGE_DEPTH**2
+        return Hinge(HARD * unit, HARD_BAND) if self.hard else Hinge(STIFFNESS[self.stiffness - 1] * unit, HINGE_BAND)
+
+    @property
+    def _scale(self) -> float:
+        """What errors of J are relative to."""
+        return max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
     def _guessed_objective(self) -> float:
         """J of the guess, without clearance."""
@@ -321,8 +369,10 @@ class Search:
 
     def _solver_options(self, barrier: float) -> SolverOptions:
         options = self.options
-        rough = self.stiffness and not self.hard  # the motion is solved again, with a stiffer penalty
-        tolerance = max(options.tolerance, ROUGH_TOLERANCE) if rough else options.tolerance
+        tolerance = options.tolerance
+        if self.stiffness and not self.hard:
+            share, most = ROUGH_TOLERANCE
+            tolerance = max(tolerance, min(share * abs(self.first_objective), most))
         return SolverOptions(tolerance, options.iterations, barrier, options.remaining())
 
     def _reporter(self):

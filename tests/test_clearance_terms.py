@@ -13,7 +13,8 @@ from energyopt.avoidance import RESERVE, Avoidance
 from energyopt.collision import Hinge, Scene, pair_kernels
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.transcription import Cuts, transcribe
-from energyopt.transcription.clearance import EXCESS, ClearanceTerms, close_pairs, overlap, penalty_samples, travel_times
+from energyopt.transcription.clearance import EXCESS, ClearanceTerms, close_pairs
+from energyopt.transcription.penalty import overlap, penalty_samples, travel_times
 
 KINKS = 20.0
 """Second derivatives of distances jump where the nearest feature changes: steps across such places are that much worse."""

@@ -231,3 +231,37 @@ def test_ctrl_c_ends_with_130_and_keeps_the_best_motion(tmp_path):
     assert "Traceback" not in error
     if (out / "summary.json").exists():  # not where Ctrl-C came while kernels were still compiled
         assert json.loads((out / "summary.json").read_text())["status"] == "INTERRUPTED"
+
+
+def test_robust_prints_cases_and_replays_and_writes_them(results, tmp_path, capsys):
+    out = tmp_path / "robust"
+    options = ["--payload", "0:0.5", "--masses", "10", "--samples", "20", "--trials", "3", "--step", "0.001"]
+    code = main(["robust", str(results), *options, "--out", str(out)])
+    shown = capsys.readouterr().out
+    assert "0.5 kg more, masses +10 %" in shown and "3 replays in MuJoCo" in shown
+    found = json.loads((out / "robustness.json").read_text())
+    assert code == (0 if found["cases"]["holds"] else 1)
+    assert len(found["replays"]["trials"]) == 3 and len(found["cases"]["samples"]) == 20
+    assert (out / "robustness.png").read_bytes().startswith(b"\x89PNG")
+    again = tmp_path / "again"
+    main(["robust", str(results / "plan.npz"), *options, "--out", str(again)])
+    assert json.loads((again / "robustness.json").read_text()) == found
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--payload", "2:x"], "expected two numbers with a colon between"),
+        (["--payload", "2:1"], "the least mass is above the largest"),
+        (["--friction", "20"], "has no friction to vary"),
+        (["--trials", "-1"], "trials is -1"),
+        (["--delay", "-1", "--trials", "1"], "delay is -1"),
+    ],
+)
+def test_robust_refuses_what_makes_no_sense_in_one_line(results, capsys, arguments, words):
+    try:
+        code = main(["robust", str(results), *arguments])
+    except SystemExit as stop:
+        code = stop.code
+    error = capsys.readouterr().err
+    assert code == 2 and words in error and error.count("\n") == 1

@@ -28,7 +28,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "robust sweep sweep_text",
     "validation validation_text",
     "plots plotting report report_energy report_parts report_problem report_scene",
-    "workflow batch_files sweep_files",
+    "workflow batch_files robust_workflow sweep_files",
     "tables",
     "cli",
     "__main__",

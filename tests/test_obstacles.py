@@ -243,6 +243,14 @@ def test_a_time_limit_bounds_the_looking_for_paths_too():
     assert "ball–" in plan.message and "tried: straight" in plan.message
 
 
+def test_a_time_limit_bounds_searches_in_processes_too(monkeypatch):
+    """Which take seconds to start, and are not waited for."""
+    monkeypatch.setattr("energyopt.campaign.WORTH_PROCESSES", 0.0)
+    began = time.monotonic()
+    plan = eo.plan(task(*cage()), eo.BSpline(accuracy=None), starts=12, time_limit=1.5, throw=False)
+    assert time.monotonic() - began < 3.5 and plan.status is eo.Status.TIME_LIMIT
+
+
 @pytest.mark.parametrize(
     ("obstacles", "options", "said"),
     [

@@ -99,7 +99,7 @@ def test_a_law_that_runs_backwards_or_leaves_the_path_is_refused():
     law = lambda values: SplineTrajectory(np.repeat([0.0, 1.0], 4), np.array(values)[:, None], 3)
     with pytest.raises(ValueError, match="backwards"):
         PathTrajectory(path, law([0.0, 2.0, -0.5, 1.5]))
-    with pytest.raises(ValueError, match="the path from 0 to 1.5"):
+    with pytest.raises(ValueError, match=r"the path from 0 to 1\.5"):
         PathTrajectory(path, law([0.0, 0.5, 1.0, 2.0]))
 
 

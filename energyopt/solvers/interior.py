@@ -23,8 +23,9 @@ MOST_ITERATIONS = 200
 """Where more are needed something is wrong with the program or the start."""
 SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
-PUSH = 1e-2
-"""Share of an interval by which the start is moved away from its ends."""
+PUSH, TRUSTED = 1e-2, 10.0
+"""Share of an interval by which the start is moved away from its ends, and the same over the barrier parameter where that is
+small: such a start is nearly optimal, and often stands on its limits."""
 
 _STATUS = (
     "running", "converged", "acceptable", "iteration limit", "no step", "not a number", "singular", "too wide", "no memory",
@@ -81,7 +82,7 @@ def _suits(program) -> bool:
     return bool(np.all(program.lower < program.upper) and np.all(program.row_lower <= program.row_upper))
 
 
-_SOURCES = ("skyline.c", "interior.c")
+_SOURCES = ("skyline.c", "interior_system.c", "interior_steps.c", "interior.c")
 
 
 @cache
@@ -111,7 +112,9 @@ class _Run:
         functions = _native(self._program) or _Callbacks(self._program)
         arrays = _arrays(self._program)
         struct = _Program(self._program.size, self._program.rows, *(a.ctypes.data for a in arrays), functions.struct)
-        given = self._options.tolerance, VIOLATION, self._options.barrier, scaling(self._program, self._x0), PUSH, self._limit
+        options, scale = self._options, scaling(self._program, self._x0)
+        push = min(PUSH, TRUSTED * options.barrier)
+        given = options.tolerance, VIOLATION, options.barrier, scale, push, self._limit
         handle = _library().eo_interior_new(ctypes.byref(struct), ctypes.byref(_Options(*given)), _address(self._x0))
         try:
             reason, outcome = self._advance(handle)

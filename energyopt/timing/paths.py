@@ -19,6 +19,8 @@ from energyopt.sampling import extrema, sample_spans
 
 STILL = 1e-6
 """A path whose |q'| at an end is below this share of its largest stands still there."""
+PLACES = 300
+"""Points of a path from which it is made again over its length."""
 SLACK = 1e-6
 """Excess over a position limit [rad or m] that is taken for rounding, as in the dense check."""
 
@@ -59,6 +61,22 @@ def is_still(path: Trajectory, end: int) -> bool:
     """Whether q' vanishes at the start (0) or at the end (−1): there the arm rests, however fast the path is passed."""
     rates = np.abs(path(path.sample_times(4), 1)).max(axis=1)
     return bool(rates[end] <= STILL * rates.max())
+
+
+def by_length(path: Trajectory) -> tuple[SplineTrajectory, np.ndarray, np.ndarray]:
+    """The same path over its length u, |dq/du| near one: how fast it can be passed is asked of this one where it stands still.
+
+    Returns:
+        A spline through `PLACES` + 1 points of the path, and the lengths u and places s of these, (N + 1,) each.
+    """
+    s = np.linspace(0.0, path.duration, 20 * PLACES + 1)
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path(s), axis=0), axis=1)))
+    moving = np.append(True, np.diff(along) > 0)
+    u = np.linspace(0.0, along[-1], PLACES + 1)
+    places = np.interp(u, along[moving], s[moving])
+    places[-1] = path.duration
+    spline = make_interp_spline(u, path(places), k=3, bc_type="natural")
+    return SplineTrajectory(spline.t, spline.c, 3), u, places
 
 
 def check_positions(path: Trajectory, robot: RobotModel, limits: Limits) -> None:

@@ -24,7 +24,6 @@ import numpy as np
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 from energyopt.robots.model import Limits, RobotModel
-from energyopt.timing.paths import is_still
 
 INTERVALS = 240
 """Of the grid along a curve, at least."""
@@ -70,8 +69,7 @@ def fastest(
     """The time law that takes the least time inside the limits of velocity, acceleration and torque.
 
     Args:
-        curve: the path; its time is read as the place s. Where it stands still at an end (q' = 0), as a motion does that
-            starts at rest, every ṡ there is rest, and the given speed does not count.
+        curve: the path; its time is read as the place s. It must stand still nowhere (q' ≠ 0): see `paths.by_length`.
         robot: the arm.
         limits: in place of the robot's own.
         start_speed, goal_speed: ṡ at the ends [1/s].
@@ -87,16 +85,14 @@ def fastest(
     places = _limit_rows(curve, s, held, robot, limits, most)
     rows = _interval_rows(s, *places)
     most = np.minimum(most, np.append(_bound_of_pairs(*rows), _bound_of_speed(*(row[-1] for row in places[1:]))))
-    still = [is_still(curve, end) for end in (0, -1)]
-    reachable = _backward(s, most, rows, most[-1] if still[1] else goal_speed**2)
+    reachable = _backward(s, most, rows, goal_speed**2)
     if not np.all(np.isfinite(reachable[1:-1])):
         raise ProblemError("path: neither velocity nor torque nor acceleration is limited; give limits to find a least duration")
-    first, last = reachable[0] if still[0] else start_speed**2, 0.0 if still[1] else goal_speed**2
-    _require_speeds(first, last, reachable[0], most[-1])
-    x = _forward(s, reachable, rows, first)
+    _require_speeds(start_speed**2, goal_speed**2, reachable[0], most[-1])
+    x = _forward(s, reachable, rows, start_speed**2)
     if not np.all(x[1:-1] > 0):
         raise ProblemError("path: the limits leave no speed at all somewhere on it; raise them, or look for another path")
-    if x[-1] < (1 - 1e-6) * last:
+    if x[-1] < (1 - 1e-6) * goal_speed**2:
         raise ProblemError(
             f"path: speed {goal_speed:g} at its end cannot be reached: at most {np.sqrt(x[-1]):.4g} within the limits"
         )

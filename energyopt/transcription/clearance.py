@@ -22,11 +22,10 @@ from energyopt.parameterizations.space import MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 from energyopt.transcription.extras import ThetaTerms
+from energyopt.transcription.penalty import travel_times
 
-STEP, SAMPLES = 0.02, (40, 300)
-"""Distance [m] a sphere moves, about, from one sample of the penalty to the next, and bounds of their number."""
 CHECK_STEP, CHECKS = 0.005, (200, 1200)
-"""The same for the check of a motion."""
+"""Distance [m] a sphere moves from one sample of the check to the next, and bounds of their number."""
 EXCESS = 0.5 * RESERVE
 """Missing distance [m] that calls for rows: half of the reserve, the other half covers the time between the samples."""
 NEAR = 2e-3
@@ -209,13 +208,6 @@ class ClearanceTerms:
         self._entry_share = own[self._entry_row, self._entry_block]
 
 
-def overlap(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0) -> float:
-    """By how much [m] the worst pair of a motion misses what is asked of it and ``slack`` [m] more; 0 where none does."""
-    times = travel_times(avoidance, trajectory, STEP, SAMPLES)
-    least, _ = avoidance.kernels.place(avoidance.scene.at(times), trajectory(times)).least(slack)
-    return float(max(0.0, slack - least.min(initial=slack)))
-
-
 def close_pairs(avoidance: Avoidance, trajectory: Trajectory, slack: float = 0.0) -> Bounds:
     """Rows at the deepest instants of every stretch where a pair of links, or a link and an obstacle, is too close.
 
@@ -317,25 +309,3 @@ def _nearest_few(excess: np.ndarray, group: np.ndarray, near: float) -> np.ndarr
     kept = np.zeros(len(excess), bool)
     kept[order] = (np.arange(len(order)) - first < FEW) & (excess[order] < near)
     return kept
-
-
-def penalty_samples(avoidance: Avoidance, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Times and weights of the penalty, those of the midpoint rule."""
-    edges = travel_times(avoidance, trajectory, STEP, SAMPLES)
-    return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-
-
-def travel_times(avoidance: Avoidance, trajectory: Trajectory, step: float, count: tuple[int, int]) -> np.ndarray:
-    """Times from 0 to T, denser where the arm moves fast, so that nothing passes through a thin board unseen.
-
-    Between two of them no sphere moves by much more than ``step`` [m]; ``count`` bounds their number.
-    """
-    fewest, most = count
-    fine = np.linspace(0.0, trajectory.duration, 201)
-    centers = avoidance.kernels.place(avoidance.scene.at(fine), trajectory(fine)).centers()
-    travel = np.sqrt(np.sum(np.diff(centers, axis=0) ** 2, axis=2).max(axis=1, initial=0.0))
-    covered = np.concatenate([[0.0], np.cumsum(fewest / 200 + travel / step)])
-    intervals = int(np.clip(np.ceil(covered[-1]), fewest, most))
-    times = np.interp(np.linspace(0.0, covered[-1], intervals + 1), covered, fine)
-    times[-1] = trajectory.duration
-    return times
