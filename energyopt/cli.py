@@ -56,6 +56,7 @@ def _parser() -> _Parser:
     _add_batch(commands)
     _add_replay(commands)
     _add_robust(commands)
+    _add_scale(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
     bench.set_defaults(command=_bench)
@@ -100,6 +101,20 @@ def _add_overrides(command: argparse.ArgumentParser) -> None:
         given.add_argument(f"--{key.replace('_', '-')}", type=int, metavar="N", dest=f"method.{key}")
     given.add_argument("--accuracy", type=_accuracy, metavar="E", help="relative error of J, or none", dest="method.accuracy")
     given.add_argument("--time-limit", type=float, metavar="S", help="stop solving after this time", dest="method.time_limit")
+
+
+def _add_scale(commands: argparse._SubParsersAction) -> None:
+    scale = commands.add_parser("scale", help="make a saved plan slower or faster as a whole")
+    scale.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    wanted = scale.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("--duration", type=float, metavar="S", help="new duration [s]")
+    for name, meaning in (("cheapest", "the duration of least J"), ("fastest", "the shortest duration")):
+        words = f"{meaning} at which the limits hold"
+        wanted.add_argument(f"--{name}", action="store_const", const=name, dest="chosen", help=words)
+    scale.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
+    scale.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
+    scale.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    scale.set_defaults(command=_scale)
 
 
 def _add_replay(commands: argparse._SubParsersAction) -> None:
@@ -161,6 +176,22 @@ def _batch(parsed: argparse.Namespace) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> dict:
     return {key: value for key, value in vars(parsed).items() if "." in key and value is not None}
+
+
+def _scale(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_plan
+    from energyopt.retiming import rescale
+    from energyopt.workflow import judge_and_write, prepare_folder
+
+    path = Path(parsed.plan)
+    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    if parsed.out is not None:
+        prepare_folder(parsed.out)
+    limits = plan.problem.limits
+    chosen = {"cheapest": lambda s: s.cheapest(limits=limits), "fastest": lambda s: s.least_duration(limits)}
+    scaled = rescale(plan, chosen.get(parsed.chosen, parsed.duration))
+    replay = scaled.solved and not parsed.no_replay
+    return _shown(judge_and_write(scaled, parsed.out, replay=replay, figures=not parsed.no_figures))
 
 
 def _replay(parsed: argparse.Namespace) -> int:
