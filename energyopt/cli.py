@@ -60,6 +60,7 @@ def _parser() -> _Parser:
     _add_replay(commands)
     _add_sweep(commands)
     _add_robust(commands)
+    _add_scale(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
     bench.set_defaults(command=_bench)
@@ -115,6 +116,20 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     sweep.add_argument("--no-figures", action="store_true", help="leave out the figure")
     sweep.add_argument("--processes", type=int, metavar="N", help="at most this many; one a core by default")
     sweep.set_defaults(command=_sweep)
+
+
+def _add_scale(commands: argparse._SubParsersAction) -> None:
+    scale = commands.add_parser("scale", help="make a saved plan slower or faster as a whole")
+    scale.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    wanted = scale.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("--duration", type=float, metavar="S", help="new duration [s]")
+    for name, meaning in (("cheapest", "the duration of least J"), ("fastest", "the shortest duration")):
+        words = f"{meaning} at which the limits hold"
+        wanted.add_argument(f"--{name}", action="store_const", const=name, dest="chosen", help=words)
+    scale.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
+    scale.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
+    scale.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    scale.set_defaults(command=_scale)
 
 
 def _add_replay(commands: argparse._SubParsersAction) -> None:
@@ -191,6 +206,22 @@ def _sweep(parsed: argparse.Namespace) -> int:
 
         print("files: " + ", ".join(str(path) for path in write_sweep(curve, parsed.out, not parsed.no_figures)))
     return VALID if any(point.solved for point in curve.points) else INVALID
+
+
+def _scale(parsed: argparse.Namespace) -> int:
+    from energyopt.io import load_plan
+    from energyopt.retiming import rescale
+    from energyopt.workflow import judge_and_write, prepare_folder
+
+    path = Path(parsed.plan)
+    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    if parsed.out is not None:
+        prepare_folder(parsed.out)
+    limits = plan.problem.limits
+    chosen = {"cheapest": lambda s: s.cheapest(limits=limits), "fastest": lambda s: s.least_duration(limits)}
+    scaled = rescale(plan, chosen.get(parsed.chosen, parsed.duration))
+    replay = scaled.solved and not parsed.no_replay
+    return _shown(judge_and_write(scaled, parsed.out, replay=replay, figures=not parsed.no_figures))
 
 
 def _replay(parsed: argparse.Namespace) -> int:

@@ -143,7 +143,7 @@ def rescale(plan: Plan, duration: float | Callable[[UniformScaling], float]) -> 
     check_plan("rescale", plan)
     began, problem = time.perf_counter(), plan.problem
     if callable(duration):
-        duration = duration(uniform_scaling(plan.trajectory, problem.robot, problem.velocity_weight, problem.torque_weights))
+        duration = duration(_scaling(plan))
     T = _one_duration(duration)
     ratio = plan.duration / T
     changed = {f"{end}_{kind}": getattr(problem, f"{end}_{kind}") * ratio**power
@@ -160,6 +160,15 @@ def rescale(plan: Plan, duration: float | Callable[[UniformScaling], float]) -> 
         objective=sum(terms.values()), cost_terms=terms, violations=violations, discretization_error=None, iterations=0,
         time_s=spent, options=plan.options | {"scaled_from_s": plan.duration},
     )  # fmt: skip
+
+
+def _scaling(plan: Plan) -> UniformScaling:
+    """The closed form of a plan's J; a potential of obstacles at rest costs the same every second, whatever the duration."""
+    problem = plan.problem
+    if problem.costs is not None:
+        raise InputError("rescale: the closed form knows torque_weights and velocity_weight, not costs=[...]; give the duration")
+    rate = plan.cost_terms.get("potential", 0.0) / plan.duration
+    return uniform_scaling(plan.trajectory, problem.robot, problem.velocity_weight, problem.torque_weights, rate)
 
 
 def _task(

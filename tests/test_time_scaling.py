@@ -9,6 +9,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
 import energyopt as eo
+from energyopt.cli import main
+from energyopt.costs import TorqueSquared
 from energyopt.parameterizations import PathTrajectory, PolynomialTrajectory, SplineTrajectory, trajectory_from_arrays
 from energyopt.parameterizations.excursions import excursions
 from energyopt.retiming import rescale
@@ -226,3 +228,26 @@ def test_bad_input_is_one_clear_line(call, said):
     with pytest.raises(eo.InputError, match=said) as caught:
         call(scaling_of(problem_of(chain())))
     assert "\n" not in str(caught.value)
+
+
+def test_the_command_line_scales_a_saved_plan(tmp_path, capsys):
+    robot = arms.two_link()
+    plan = eo.plan(eo.Problem(robot, [0.0, 0.0], [1.0, 0.5], 1.0, self_collision=False))
+    plan.save(tmp_path / "plan.npz")
+    run = lambda *words: main(["scale", str(tmp_path), "--no-replay", "--no-figures", *words])
+    assert run("--cheapest", "--out", str(tmp_path / "cheapest")) == 0
+    cheapest = eo.load_plan(tmp_path / "cheapest" / "plan.npz")
+    scaling = eo.uniform_scaling(plan.trajectory, robot)
+    assert cheapest.duration == pytest.approx(scaling.cheapest(limits=plan.problem.limits), rel=1e-12)
+    assert run("--duration", "2") == 0 and "two" not in capsys.readouterr().err
+    assert run("--duration", "0.01") == 1
+    assert run("--duration", "-1") == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+def test_other_costs_have_no_closed_form_here():
+    robot = arms.two_link()
+    problem = eo.Problem(robot, [0.0, 0.0], [1.0, 0.5], 1.0, costs=[TorqueSquared()], self_collision=False)
+    plan = eo.plan(problem)
+    assert rescale(plan, 2.0).solved
+    with pytest.raises(eo.InputError, match="give the duration"):
+        rescale(plan, lambda scaling: scaling.cheapest())
