@@ -82,7 +82,7 @@ def _suits(program) -> bool:
     return bool(np.all(program.lower < program.upper) and np.all(program.row_lower <= program.row_upper))
 
 
-_SOURCES = ("skyline.c", "interior.c")
+_SOURCES = ("skyline.c", "interior_system.c", "interior_steps.c", "interior.c")
 
 
 @cache

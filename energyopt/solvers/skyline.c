@@ -4,6 +4,7 @@
    Positive Definite Systems", 1981, ch. 4). Nothing is exchanged: the order is the caller's, dense rows stand last. The signs
    of d are those of the eigenvalues (Sylvester). */
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
