@@ -134,6 +134,17 @@ class SplineSpace(MotionSpace):
         block[-3:] = self.size - 6
         return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
 
+    def closed_unknowns(self, position):
+        offset, block = np.zeros((self.size, len(position))), np.arange(-1, self.size - 1)
+        block[-1], offset[[0, -1]] = -1, position
+        return Unknowns(block, offset, self.size - 2)
+
+    def closing_rows(self):
+        """Velocity and acceleration at the end less those at the start."""
+        columns, values = self.basis(np.array([0.0, self.duration]))
+        both, change = columns.reshape(1, -1), np.concatenate([-values[0], values[1]], axis=1)
+        return Rows.stacked([Rows.banded(both, change[order : order + 1]) for order in (1, 2)])
+
     def bounding_rows(self, order):
         values = np.ones((self.size, 1))
         for k in range(1, order + 1):

@@ -119,8 +119,12 @@ def transcribe(
         durations: where the duration is an unknown, its bounds [s]; otherwise it is that of the space.
     """
     ends = boundary_states(problem)
-    unknowns, cuts = space.unknowns(*ends), cuts or Cuts()
-    parts = offset_parts(space, *ends)
+    if problem.periodic:
+        unknowns = space.closed_unknowns(problem.start)
+        parts = np.stack([unknowns.offset, *np.zeros((2, *unknowns.offset.shape))])
+    else:
+        unknowns, parts = space.unknowns(*ends), offset_parts(space, *ends)
+    cuts = cuts or Cuts()
     free = None if durations is None else parts
     linear = linear_rows(problem, space, unknowns, cuts.sample_rows(problem.robot.nv), free)
     torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
