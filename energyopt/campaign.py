@@ -125,7 +125,7 @@ class Campaign:
         return self._best(searches)
 
     def resume(self, begun: Search) -> Search:
-        """Go on from the optimum of a similar problem: on its knots, with its rows, in the time of this one."""
+        """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
         targets = self._targets()
         if self.durations is not None:
             low, high = self.durations
@@ -138,8 +138,10 @@ class Campaign:
         self.searches.append(search)
         self.tried.append("the optimum before")
         self.current = search
-        search.advance()
-        return self._best(self.searches)
+        if search.advance() and self._accuracy is not None:
+            search.reaches(self._accuracy)  # said, not acted upon: the knots stay
+        search.harden(self._accuracy)
+        return search
 
     def _first_duration(self, goal: np.ndarray) -> float:
         if self.given is None:
