@@ -25,7 +25,7 @@ from energyopt.problem_values import real, shown, whole
 from energyopt.robots.model import RobotModel
 from energyopt.solvers import Interrupts, Outcome
 from energyopt.threads import single_thread
-from energyopt.timing.law_search import LawRequest, LawResult, even_law, optimal_law, smooth_law
+from energyopt.timing.law_search import LawRequest, LawResult, even_law, optimal_law, smooth_law, with_pause
 from energyopt.timing.law_space import Ends
 from energyopt.timing.paths import as_path, by_length, check_positions, is_still
 from energyopt.timing.profile import PathProfile
@@ -38,6 +38,8 @@ OPTIONS = (
     "torque_limits", "torque_rate_limits", "obstacles", "workspace", "clearance", "self_collision", "attached", "name",
 )  # fmt: skip
 """Arguments of `Problem` that `retime` takes too."""
+QUICK = 1.15
+"""Times the shortest duration that a first law moves for; the rest it waits where the arm is held most cheaply, as optima do."""
 LEAST_SPANS, MOST_SPANS = 40, 120
 SPANS_PER_LEAST = 30
 """Spans in the shortest duration of the path: what happens fast in a slow motion needs them too."""
@@ -227,18 +229,26 @@ def _shortest(law: _Fastest, robot: RobotModel, longest: float) -> float:
 
 
 def _guess(task: _Task, durations: tuple[float, float]) -> Trajectory:
-    """The fastest law, or a smooth one, made to take the duration asked, or the cheapest that may be."""
+    """The fastest law made to take the duration asked, or the cheapest that may be, with a pause; a smooth one without limits."""
     if task.fastest is not None:
         law, motion = task.fastest.law, task.fastest.motion
     else:
         shape = even_law if task.ends.speeds == (None, None) else smooth_law
         law = shape(task.curve, float(np.sqrt(durations[0] * durations[1])))
         motion = PathTrajectory(task.curve, law)
-    if durations[0] == durations[1]:
-        return law.stretched(durations[0])
-    problem = task.problem
-    scaling = uniform_scaling(motion, problem.robot, problem.velocity_weight, problem.torque_weights)
-    return law.stretched(scaling.cheapest(durations))
+    T, problem = durations[0], task.problem
+    if durations[0] < durations[1]:
+        scaling = uniform_scaling(motion, problem.robot, problem.velocity_weight, problem.torque_weights)
+        T = scaling.cheapest(durations)
+    moving = QUICK * law.duration
+    if task.fastest is None or moving >= T:
+        return law.stretched(T)
+    places = task.curve.sample_times(20)
+    q = task.curve(places)
+    held = problem.robot.torque(q, np.zeros_like(q), np.zeros_like(q)) ** 2 @ problem.torque_weights
+    if np.ptp(held) <= 1e-9 * np.max(held, initial=1.0):  # it waits nowhere more cheaply than elsewhere
+        return law.stretched(T)
+    return with_pause(law.stretched(moving), float(places[np.argmin(held)]), T - moving)
 
 
 def _spans(task: _Task, duration: float) -> int:
