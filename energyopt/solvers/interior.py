@@ -23,6 +23,9 @@ MOST_ITERATIONS = 200
 """Where more are needed something is wrong with the program or the start."""
 SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
+WARM = 1e-3
+"""Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at their
+own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
 PUSH, TRUSTED = 1e-2, 10.0
 """Share of an interval by which the start is moved away from its ends, and the same over the barrier parameter where that is
 small: such a start is nearly optimal, and often stands on its limits."""
@@ -55,7 +58,11 @@ class _Program(ctypes.Structure):
 
 
 class _Options(ctypes.Structure):
-    _fields_ = [*((name, _Double) for name in ("tolerance", "violation", "barrier", "scale", "push")), ("iterations", _Long)]
+    _fields_ = [
+        *((name, _Double) for name in ("tolerance", "violation", "barrier", "scale", "push")),
+        ("iterations", _Long),
+        ("warm", _Long),
+    ]
 
 
 def solve(
@@ -114,7 +121,8 @@ class _Run:
         struct = _Program(self._program.size, self._program.rows, *(a.ctypes.data for a in arrays), functions.struct)
         options, scale = self._options, scaling(self._program, self._x0)
         push = min(PUSH, TRUSTED * options.barrier)
-        given = options.tolerance, VIOLATION, options.barrier, scale, push, self._limit
+        warm = options.barrier < SolverOptions.barrier
+        given = options.tolerance, VIOLATION, max(options.barrier, WARM), scale, push, self._limit, warm
         handle = _library().eo_interior_new(ctypes.byref(struct), ctypes.byref(_Options(*given)), _address(self._x0))
         try:
             reason, outcome = self._advance(handle)
