@@ -142,6 +142,30 @@ def test_a_retimed_plan_is_saved_replayed_and_validated_as_any_other(tmp_path):
     assert eo.validate(again, eo.replay(again)).passed
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("trajectory.law.coefficients", lambda x: x[::-1]),
+        ("trajectory.law.coefficients", lambda x: 2.0 * x),
+        ("trajectory.law.coefficients", lambda x: x * np.nan),
+        ("trajectory.law.degree", lambda x: np.array(90)),
+        ("trajectory.path.kind", lambda x: np.frombuffer(b"nonsense", np.uint8)),
+        ("trajectory.path.knots", lambda x: x[:3]),
+        ("trajectory.path.coefficients", lambda x: x[:, :1]),
+    ],
+)
+def test_a_damaged_law_or_path_in_a_file_is_one_clear_line(tmp_path, name, change):
+    robot = arms.two_link()
+    eo.retime(PATH, robot, 2.0, self_collision=False).save(tmp_path / "plan.npz")
+    with np.load(tmp_path / "plan.npz") as file:
+        arrays = dict(file)
+    arrays[name] = change(arrays[name])
+    np.savez(tmp_path / "changed.npz", **arrays)
+    with pytest.raises(eo.InputError, match=r"changed\.npz") as caught:
+        eo.load_plan(tmp_path / "changed.npz")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_path_in_the_way_of_something_is_not_solved():
     robot = arms.catalogue_robot("panda")
     points = robot.home + np.array([[0.0] * 7, [0.6] * 7])
