@@ -24,8 +24,8 @@ MOST_ITERATIONS = 200
 SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
 WARM = 1e-3
-"""Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at their
-own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
+"""Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at
+their own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
 PUSH, TRUSTED = 1e-2, 10.0
 """Share of an interval by which the start is moved away from its ends, and the same over the barrier parameter where that is
 small: such a start is nearly optimal, and often stands on its limits."""
