@@ -50,13 +50,16 @@ ROUGH_NODES = 10
 """Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 PATH_SECONDS = 8.0
 """Time for the search of one path [s]."""
-FIRM = 2
-"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards."""
+FIRM, FIRMEST = 2, 4
+"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
+and where all guesses have failed with that."""
 HOPELESS = 0.03
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
 COSTLY, WORTH = 1.25, 1.08
 """J over that of the best optimum without obstacles, from which a second guess is tried: much may be gained; and from which that
 optimum is the second guess, where it is another one than from the straight guess."""
+BETTER = 0.98
+"""Share of J below which that is said."""
 UNAWARE = 3
 """Optima without obstacles that are looked for, from the straight guess and from bent ones: they cost little."""
 WORTH_PROCESSES = 6.0
@@ -98,6 +101,7 @@ class Campaign:
     searches: list[Search] = field(default_factory=list)
     worse: list[Search] = field(default_factory=list)
     unaware: list[Search] = field(default_factory=list)
+    free_guess: Attempt | None = None
     current: Search | None = None
 
     def run(self, starts: int | None) -> Search:
@@ -119,6 +123,9 @@ class Campaign:
             rest = wanted - len(searches)
             if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
                 self._in_processes(islice(source, rest))
+        if not (self.free_guess is None or any(map(_promising, searches)) or searches[-1].outcome in STOP):
+            firmer = replace(self.free_guess, name=f"{self.free_guess.name}, firmer")
+            searches.append(self._searched(self._space(), firmer, firm=FIRMEST))
         if starts is None and len(searches) == 1:
             self._look_further(source, targets)
         if searches[-1].outcome is Outcome.INTERRUPTED:
@@ -231,15 +238,16 @@ class Campaign:
                 return
             yield attempt
 
-    def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False) -> Search:
-        """The first level from a guess; ``unaware`` of obstacles, or with a penalty that keeps a free guess where it is."""
+    def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False, firm: int = FIRM) -> Search:
+        """The first level from a guess; ``unaware`` of obstacles, or with a penalty so ``firm`` that a free one stays free."""
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
         search = Search(*start, durations=self.durations, spent=self.spent)
         if attempt.name == "given":
             search.warm, search.space = True, self._space_of(attempt.motion, space)
         if avoidance is not None and avoidance.scene.obstacles and not unaware:
-            search.stiffness = FIRM if attempt.free else 1
+            search.stiffness = firm if attempt.free else 1
+            self.free_guess = attempt if attempt.free else self.free_guess
         self.current = search
         search.advance()
         self.tried.append(attempt.name)
@@ -270,7 +278,7 @@ class Campaign:
             return
         best = min(self.unaware, key=lambda search: search.objective)
         straight = [search.objective for search in self.unaware if search.name == "straight"]
-        other = best.objective < (1 - SAME) * min(straight, default=np.inf)
+        other = best.objective < BETTER * min(straight, default=np.inf)
         if other and first.objective > WORTH * best.objective:
             self._compare(Attempt("free optimum", best.trajectory, targets[0]))
         if self.searches[-1].outcome not in STOP and self.searches[0].objective > COSTLY * best.objective:
