@@ -1,6 +1,7 @@
 """Make the figures and the table of savings that README.md and docs/ show:  python docs/make_figures.py
 
 docs/figures/panda_reach.png, panda_reach_joints.png   from problems/panda_reach.toml
+docs/figures/time.png                                  J over the duration of one straight motion
 the table in README.md between the lines "savings: begin" and "savings: end"   from every problem in problems/
 """
 
@@ -9,6 +10,9 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
 
 import energyopt as eo
 from energyopt.io import catalogue_problems, load_task
@@ -29,6 +33,30 @@ def draw() -> None:
     for name, figure in (("panda_reach", eo.plot_metrics(plan, log)), ("panda_reach_joints", eo.plot_joints(plan, log))):
         metadata = {"Software": None}
         figure.savefig(HERE / "figures" / f"{name}.png", dpi=WIDTH_PIXELS / figure.get_figwidth(), metadata=metadata)
+
+
+def draw_time() -> None:
+    """J over the duration: the quintic scaled as a whole, and the best timing of the same straight path."""
+    problem = eo.load_problem("panda_reach")
+    quintic = eo.baseline(problem)
+    scaling = eo.uniform_scaling(quintic, problem.robot, problem.velocity_weight)
+    path, robot, weight = [problem.start, problem.goal], problem.robot, problem.velocity_weight
+    least = eo.minimum_duration(path, robot, problem.limits)
+    durations = least * np.geomspace(1.02, 4.0, 12)
+    own = {f"{kind}_limits": getattr(problem.limits, kind) for kind in ("velocity", "acceleration", "torque")}
+    timed = [eo.retime(path, robot, T, velocity_weight=weight, throw=False, **own) for T in durations]
+    T = np.geomspace(least, durations[-1], 300)
+    figure, axes = plt.subplots(figsize=(7.5, 4.0), layout="constrained")
+    J, valid = np.array([scaling.objective(t) for t in T]), scaling.least_duration(problem.limits)
+    (line,) = axes.plot(T[valid <= T], J[valid <= T], label="quintic law, scaled: closed form")
+    axes.plot(T[valid >= T], J[valid >= T], ":", color=line.get_color(), label="the same, beyond limits")
+    solved = [plan for plan in timed if plan.solved]
+    axes.plot([p.duration for p in solved], [p.objective for p in solved], "o-", label="best law on the same path: retime")
+    axes.axvline(least, color="0.5", linestyle="--", label=f"shortest duration of the path, {least:.2f} s")
+    axes.set(xlabel="duration T [s]", ylabel="J [N²·m²·s]", title="Panda, straight in joint space", ylim=(0, None))
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(HERE / "figures" / "time.png", dpi=150, metadata={"Software": None})
 
 
 def savings_table(names: tuple[str, ...]) -> str:
@@ -65,4 +93,5 @@ def replace_table(path: Path, table: str) -> None:
 
 if __name__ == "__main__":
     draw()
+    draw_time()
     replace_table(README, savings_table(catalogue_problems()))

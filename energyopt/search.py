@@ -106,7 +106,7 @@ class Search:
     Attributes:
         space: motions of the next level; trajectory: the best motion so far, a guess at first.
         avoidance: what is to be kept apart; name: of the guess.
-        outcome: of the last solve; reason: the solver's word.
+        outcome: of the last solve; reason: the solver's word; solver: which it was.
         objective: J of the last level by the program's own quadrature; first_objective: that of the guess.
         stiffness: of the penalty that keeps pairs apart, as a place in STIFFNESS from 1; 0 for none.
         depth: overlap of spheres, beyond what is allowed, that it left [m]; hard: whether rows have taken its place.
@@ -114,6 +114,7 @@ class Search:
         promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
         durations: bounds of the duration [s], where it is free; `problem` is then the problem at the duration reached.
         warm: whether the guess is nearly optimal, on knots made for it.
+        ready: a program made already for the next round.
         spent: shared with other searches of the same plan, and with copies.
     """
 
@@ -127,6 +128,7 @@ class Search:
     cuts: Cuts = field(default_factory=Cuts)
     outcome: Outcome | None = None
     reason: str = ""
+    solver: str = ""
     objective: float = np.inf
     first_objective: float | None = None
     gain: float | None = None
@@ -140,6 +142,7 @@ class Search:
     spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
+    ready: NonlinearProgram | None = None
     evaluations: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -285,11 +288,11 @@ class Search:
         """Solve, and again with more rows, until a check finds nothing to add."""
         most = CLEARANCE_ROUNDS if self.hard else ROUNDS
         for self.rounds in range(1, most + 1):
-            program = self._transcribe()
+            program, self.ready = self.ready or self._transcribe(), None
             x0 = program.guess(self.trajectory)
             result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
             self.spent.iterations += result.iterations
-            self.outcome, self.reason = result.outcome, result.reason
+            self.outcome, self.reason, self.solver = result.outcome, result.reason, result.solver
             for name, count in result.evaluations.items():
                 self.evaluations[name] = self.evaluations.get(name, 0) + count
             if result.outcome is Outcome.FAILED:
@@ -355,15 +358,17 @@ class Search:
         return max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
     def _guessed_objective(self) -> float:
-        """J of the guess, without clearance."""
-        program = transcribe(self.problem, self.space, self.kernels)
+        """J of the guess, without clearance. Where there is nothing else to it, its program is also that of the first round."""
+        plain = self.avoidance is None and self.durations is None and not len(self.cuts)
+        program = self._transcribe() if plain else transcribe(self.problem, self.space, self.kernels)
+        self.ready = program if plain else None
         program.evaluator.move(program.guess(self.trajectory))
         return program.evaluator.objective()
 
     def _transcribe(self) -> NonlinearProgram:
         started = time.perf_counter()
         program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms, self.durations)
-        if not self.levels and self.rounds == 1:
+        if not self.levels and self.rounds <= 1:
             self.spent.build_s += time.perf_counter() - started
         return program
 

@@ -21,6 +21,7 @@ SMALL = {
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "savings": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
+    "scaling": ["--robots", "twodof", "--base", "twodof", "--control-points", "8", "16", "--obstacles", "6", "--moves", "2"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
 }
 """Settings with which each suite takes a few seconds."""
@@ -108,6 +109,36 @@ def test_kernel_times_cover_every_kind(measured):
     assert results["joints"] == 2 and set(results["us_per_node"]) == kinds and results["compilation_s"] is None
     for times in results["us_per_node"].values():
         assert set(times) == {"torque", "adjoint", "jacobian", "hessian"} and min(times.values()) > 0.0
+
+
+def test_scaling_fits_exponents_to_each_axis(measured):
+    results = measured("scaling")[1]["results"]
+    assert {axis: [point["n"] for point in found["points"]] for axis, found in results.items()} == {
+        "joints": [2], "control_points": [8, 16], "obstacles": [6],
+    }  # fmt: skip
+    for found in results.values():
+        for point in found["points"]:
+            assert spread(point["seconds"]["plan"]) and point["share_solved"] == 1.0 and point["memory_MB"] >= 0.0
+            assert point["seconds"]["solve"]["median"] < point["seconds"]["plan"]["median"]
+    assert results["joints"]["exponents"]["plan"] is None, "one size is no law"
+
+
+def test_the_exponent_of_a_power_law_is_found(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from scaling import exponent
+
+    points = [{"n": n, "value": 3.0 * n**1.7} for n in (0, 5, 10, 20, 40, 80)]
+    assert exponent(points, lambda point: point["value"]) == pytest.approx(1.7, rel=1e-12)
+    assert exponent(points[:2], lambda point: point["value"]) is None
+
+
+def test_the_figure_of_scaling_is_drawn(measured, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from _scaling_figure import draw
+
+    results = measured("scaling")[1]["results"]
+    draw(results, {"joints": "joints", "control_points": "control points", "obstacles": "spheres"}, tmp_path / "scaling.png")
+    assert (tmp_path / "scaling.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_startup_begins_with_an_empty_cache_and_a_light_import(measured):

@@ -1,11 +1,15 @@
 """Where the joules go, against closed forms, energies of states, and a plain dense sum of the drives' power."""
 
+import dataclasses
+
 import arms
 import numpy as np
 import pytest
 
 import energyopt as eo
 from energyopt.actuators import ActuatorModel, Actuators
+from energyopt.simulation import replay_trajectory
+from energyopt.validation import validate_motion
 
 CLOSES = 1e-6
 """Share of the energy moved by which work, energies of states and friction may differ; quadrature gives 1e-12."""
@@ -130,6 +134,48 @@ def test_the_table_and_the_numbers_for_files_say_the_same():
     assert all(name in text for name in robot.joint_names) and "copper" in text and f"{account.electrical_J:.5g} J" in text
     assert sum(numbers["totals"].values()) == pytest.approx(numbers["electrical_J"])
     assert "no electrical joules" in str(eo.energy_account(rich_motion(robot), robot))
+
+
+@pytest.fixture(scope="module")
+def driven_swing():
+    """A motion of an arm with drives that claims to solve its problem, and its replay."""
+    robot = dataclasses.replace(arms.rubbing_two_link(), actuators=drives(2, regeneration=0.3))
+    problem = eo.Problem(robot, [-1.2, 0.4], [0.3, -0.8], 1.2)
+    motion = eo.baseline(problem, "cycloid")
+    log = replay_trajectory(problem, motion)
+    return problem, motion, log, validate_motion(problem, motion, log)
+
+
+def test_validation_states_what_is_saved_in_joules_at_the_same_duration(driven_swing):
+    problem, motion, _, report = driven_swing
+    ours = eo.energy_account(motion, problem.robot).electrical_J
+    assert report.account.electrical_J == ours
+    for kind, other in report.baselines.items():
+        theirs = eo.energy_account(eo.baseline(problem, kind), problem.robot).electrical_J
+        assert other.account.electrical_J == pytest.approx(theirs) and other.account.duration_s == motion.duration
+        assert other.electrical_saving_percent == pytest.approx(100 * (1 - ours / theirs))
+    numbers = report.as_dict()
+    assert numbers["energy"]["electrical_J"] == ours and numbers["energy"]["account"]["totals"]["standby"] == pytest.approx(24.0)
+    assert numbers["baseline"]["quintic"]["electrical_J"] == report.baselines["quintic"].account.electrical_J
+    text = str(report)
+    assert f"electrical {ours:.4g} J" in text and "of the same duration (saved): quintic" in text
+
+
+def test_a_replay_draws_what_its_plan_draws(driven_swing):
+    """The replay is sampled at its steps, and tracks to 1e-3 of the energy."""
+    _, _, log, report = driven_swing
+    assert report.replay_electrical_J == pytest.approx(report.account.electrical_J, rel=5e-3)
+    assert report.as_dict()["replay"]["energy_electrical_J"] == report.replay_electrical_J
+    assert len(log.t) > 1000
+
+
+def test_validation_without_drives_has_the_mechanical_part(driven_swing):
+    problem, motion, _, _ = driven_swing
+    bare = dataclasses.replace(problem, robot=dataclasses.replace(problem.robot, actuators=None))
+    report = validate_motion(bare, motion)
+    assert report.account.electrical_J is None and report.as_dict()["energy"]["electrical_J"] is None
+    assert all(other.account is None for other in report.baselines.values())
+    assert report.as_dict()["energy"]["account"]["why"] in str(report)
 
 
 @pytest.mark.parametrize(

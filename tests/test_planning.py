@@ -230,7 +230,7 @@ def test_a_time_limit_during_refinement_keeps_the_valid_motion_before_it():
 def test_more_starts_are_never_worse(free):
     task = problem(duration=1.5, goal=[1.4, -0.2], start=[-1.2, 0.3])
     costs = [eo.plan(task, QUICK, starts=n).objective for n in (1, 3, 6)]
-    assert costs == sorted(costs, reverse=True)
+    assert np.all(np.diff(costs) <= 1e-9 * costs[0]), "but for rounding, where two of them end in the same optimum"
 
 
 PROGRAM = """

@@ -209,3 +209,7 @@ def test_what_is_no_plan_and_friction_that_is_not_there_are_refused(swing):
             eo.robustness(swing, **options)
     with pytest.raises(eo.InputError, match="trials is 0"):
         eo.replay_trials(swing, trials=0)
+    with pytest.raises(eo.InputError, match="plan_robust: no option 'start'; nearest: starts"):
+        eo.plan_robust(swing.problem, start=3)
+    with pytest.raises(eo.InputError, match="plan_robust: problem is"):
+        eo.plan_robust(swing)

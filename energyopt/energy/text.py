@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 HEADS = {"viscous friction": "viscous", "coulomb friction": "coulomb"}
 WIDTH = 10
+SHOWN = ("kinetic", "gravity")
+"""Causes that are named where they are zero too."""
 
 
 def account_table(account: EnergyAccount) -> str:
@@ -92,7 +94,7 @@ def cause_lines(account: EnergyAccount, width: int = 100) -> list[str]:
     whole = f"mechanical work {account.mechanical_J:.4g} J"
     if account.electrical_J is not None:
         whole = f"electrical {account.electrical_J:.4g} J"
-    parts = [f"{cause} {_clean(value):.4g}" for cause, value in account.totals().items()]
+    parts = [f"{cause} {_clean(value):.4g}" for cause, value in account.totals().items() if cause in SHOWN or value]
     lines = [f"{whole} ="]
     for k, part in enumerate(parts):
         word = f" {part}" + (" +" if k + 1 < len(parts) else "")

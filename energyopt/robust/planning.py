@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from energyopt.arguments import check_problem
+from energyopt.arguments import check_names, check_problem
 from energyopt.errors import NoSolutionFound, ProblemError
 from energyopt.feasibility import check_feasibility
 from energyopt.planning import plan
@@ -68,6 +68,7 @@ def plan_robust(
         NoSolutionFound: no motion was found that holds in every corner.
     """
     check_problem("plan_robust", problem)
+    check_names("plan_robust", options, ("parameterization", *(plan.__kwdefaults__ or {})))
     whole("rounds", rounds, 1, MOST_ROUNDS)
     uncertainty = Uncertainty(payload, masses, friction, load)
     uncertainty.check(problem.robot)

@@ -204,7 +204,8 @@ Interior *eo_interior_new(const Program *p, const Options *o, const double *x0) 
   const long n = p->n, m = p->m, N = n + m, nj = p->jac_start[n], nh = p->hess_start[n];
   Interior *I = calloc(1, sizeof *I);
   if (!I) return 0;
-  I->p = *p, I->o = *o, I->n = n, I->m = m, I->N = N, I->mu = I->first_mu = o->barrier, I->scale = o->scale;
+  I->p = *p, I->o = *o, I->n = n, I->m = m, I->N = N, I->scale = o->scale;
+  I->mu = o->barrier, I->first_mu = o->warm ? INFINITY : o->barrier;
   const long reals = (19 + 3) * N + (11 + 2) * m + 2 * n + 2 * nj + nh + 2, integers = 2 * m + 2 + nj;
   I->memory = calloc(1, reals * sizeof(double) + integers * sizeof(long) + nj * sizeof(int));
   if (!I->memory) { free(I); return 0; }

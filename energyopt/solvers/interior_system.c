@@ -41,7 +41,7 @@ typedef struct {
 
 typedef struct {
   double tolerance, violation, barrier, scale, push;
-  long iterations;
+  long iterations, warm; /* warm: the start may be near an optimum */
 } Options;
 
 enum { RUNNING, CONVERGED, ACCEPTABLE, ITERATION_LIMIT, NO_STEP, NOT_A_NUMBER, SINGULAR, TOO_WIDE, NO_MEMORY };

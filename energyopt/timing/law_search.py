@@ -127,6 +127,14 @@ def even_law(path: Trajectory, duration: float) -> PolynomialTrajectory:
     return PolynomialTrajectory([0.0, duration], np.array([[[0.0], [path.duration / duration]]]))
 
 
+def with_pause(law: Trajectory, place: float, pause: float) -> PolynomialTrajectory:
+    """A law in straight pieces between its breaks, with a pause [s] at the break nearest after a place."""
+    t, s = law.breaks, law(law.breaks)[:, 0]
+    k = int(np.clip(np.searchsorted(s, place), 1, len(s) - 2))
+    t, s = np.concatenate([t[: k + 1], t[k:] + pause]), np.concatenate([s[: k + 1], s[k:]])
+    return PolynomialTrajectory(t, np.stack([s[:-1], np.diff(s) / np.diff(t)], axis=1)[:, :, None])
+
+
 def _usage(request: LawRequest, law: Trajectory, t: np.ndarray) -> dict[str, np.ndarray]:
     """Share of every limit in use at the times ``t`` (K,), by kind (K, nv)."""
     z = np.stack([law(t, order)[:, 0] for order in range(4)], axis=1)
