@@ -50,12 +50,18 @@ ROUGH_NODES = 10
 """Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 PATH_SECONDS = 8.0
 """Time for the search of one path [s]."""
-FIRM = 2
-"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards."""
+FIRM, FIRMEST = 2, 4
+"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
+and where all guesses have failed with that."""
 HOPELESS = 0.03
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
-COSTLY = 1.25
-"""J over that of the optimum without obstacles, from which a second guess is tried: much may be gained."""
+COSTLY, WORTH = 1.25, 1.08
+"""J over that of the best optimum without obstacles, from which a second guess is tried: much may be gained; and from which that
+optimum is the second guess, where it is another one than from the straight guess."""
+BETTER = 0.98
+"""Share of J below which that is said."""
+UNAWARE = 3
+"""Optima without obstacles that are looked for, from the straight guess and from bent ones: they cost little."""
 WORTH_PROCESSES = 6.0
 """Estimated time of further searches [s] from which processes, which take seconds to start, are worth it."""
 GRACE = 0.3
@@ -94,7 +100,8 @@ class Campaign:
     avoidance: Avoidance | None = None
     searches: list[Search] = field(default_factory=list)
     worse: list[Search] = field(default_factory=list)
-    without_obstacles: float | None = None
+    unaware: list[Search] = field(default_factory=list)
+    free_guess: Attempt | None = None
     current: Search | None = None
 
     def run(self, starts: int | None) -> Search:
@@ -116,8 +123,11 @@ class Campaign:
             rest = wanted - len(searches)
             if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
                 self._in_processes(islice(source, rest))
+        if not (self.free_guess is None or any(map(_promising, searches)) or searches[-1].outcome in STOP):
+            firmer = replace(self.free_guess, name=f"{self.free_guess.name}, firmer")
+            searches.append(self._searched(self._space(), firmer, firm=FIRMEST))
         if starts is None and len(searches) == 1:
-            self._look_further(source)
+            self._look_further(source, targets)
         if searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
@@ -228,42 +238,61 @@ class Campaign:
                 return
             yield attempt
 
-    def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False) -> Search:
-        """The first level from a guess; ``unaware`` of obstacles, or with a penalty that keeps a free guess where it is."""
+    def _searched(self, space: MotionSpace, attempt: Attempt, unaware: bool = False, firm: int = FIRM) -> Search:
+        """The first level from a guess; ``unaware`` of obstacles, or with a penalty so ``firm`` that a free one stays free."""
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
         search = Search(*start, durations=self.durations, spent=self.spent)
         if attempt.name == "given":
             search.warm, search.space = True, self._space_of(attempt.motion, space)
         if avoidance is not None and avoidance.scene.obstacles and not unaware:
-            search.stiffness = FIRM if attempt.free else 1
+            search.stiffness = firm if attempt.free else 1
+            self.free_guess = attempt if attempt.free else self.free_guess
         self.current = search
         search.advance()
         self.tried.append(attempt.name)
         return search
 
     def _try_unaware(self, targets: list[np.ndarray]) -> None:
-        """The optimum without obstacles, where it happens to be clear of them: nothing is better near it."""
-        motion = next(guesses(self.problem, targets, self.seed))
-        search = self._searched(self._space(), Attempt("straight", motion, targets[0]), unaware=True)
-        hopeless = not search.converged or overlap(search.avoidance, search.trajectory) > HOPELESS
-        if search.outcome in STOP or (not hopeless and search.clear()):
-            self.searches.append(search)
-        else:
-            self.without_obstacles = search.objective if search.converged else None
+        """Optima without obstacles: nothing is better near one that happens to be clear of them."""
+        count = UNAWARE if len(targets) == 1 else 1
+        for k, motion in enumerate(islice(guesses(self.problem, targets, self.seed), count)):
+            name = f"free bent {k}" if k else "straight"
+            search = self._searched(self._space(), Attempt(name, motion, targets[0]), unaware=True)
             self.tried.pop()
+            if search.outcome in STOP:
+                self.searches.append(search)
+                return
+            if search.converged:
+                self.unaware.append(search)
+        for search in sorted(self.unaware, key=lambda search: search.objective):
+            if overlap(search.avoidance, search.trajectory) <= HOPELESS and search.clear():
+                self.searches.append(search)
+                self.tried.append(search.name)
+                return
 
-    def _look_further(self, source: Iterator[Attempt]) -> None:
+    def _look_further(self, source: Iterator[Attempt], targets: list[np.ndarray]) -> None:
         """Another guess, where obstacles make the motion much dearer: the better of the two stays in ``searches``."""
-        first, free = self.searches[0], self.without_obstacles
-        if free is None or not _promising(first) or first.objective <= COSTLY * free:
+        first = self.searches[0]
+        if not self.unaware or not _promising(first):
             return
-        second = self._searched(self._space(), next(source))
+        best = min(self.unaware, key=lambda search: search.objective)
+        straight = [search.objective for search in self.unaware if search.name == "straight"]
+        other = best.objective < BETTER * min(straight, default=np.inf)
+        if other and first.objective > WORTH * best.objective:
+            self._compare(Attempt("free optimum", best.trajectory, targets[0]))
+        if self.searches[-1].outcome not in STOP and self.searches[0].objective > COSTLY * best.objective:
+            self._compare(next(source))
+
+    def _compare(self, attempt: Attempt) -> None:
+        """A search that takes the place of the first where it is better."""
+        first, second = self.searches[0], self._searched(self._space(), attempt)
         if second.outcome is Outcome.INTERRUPTED:
             self.searches.append(second)
         elif _promising(second):
             better, other = sorted((first, second), key=lambda search: search.objective)
-            self.searches[:], self.worse = [better], [other]
+            self.searches[:] = [better]
+            self.worse.append(other)
 
     def _in_processes(self, attempts: Iterator[Attempt]) -> None:
         """The same searches in worker processes; in the end they stand in the order of the attempts."""

@@ -210,7 +210,7 @@ def _sweep(parsed: argparse.Namespace) -> int:
 
 def _scale(parsed: argparse.Namespace) -> int:
     from energyopt.io import load_plan
-    from energyopt.retiming import rescale
+    from energyopt.rescaling import rescale
     from energyopt.workflow import judge_and_write, prepare_folder
 
     path = Path(parsed.plan)

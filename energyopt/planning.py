@@ -164,7 +164,7 @@ def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict
         options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
                             "clearance_rows": len(search.cuts.clearance), "tried": [*campaign.tried, *campaign.missed],
                             "guess": search.name,
-                            "evaluations": search.evaluations},
+                            "evaluations": search.evaluations, "solver": search.solver},
         notes=_notes(campaign, search),
     )  # fmt: skip
 

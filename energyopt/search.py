@@ -106,7 +106,7 @@ class Search:
     Attributes:
         space: motions of the next level; trajectory: the best motion so far, a guess at first.
         avoidance: what is to be kept apart; name: of the guess.
-        outcome: of the last solve; reason: the solver's word.
+        outcome: of the last solve; reason: the solver's word; solver: which it was.
         objective: J of the last level by the program's own quadrature; first_objective: that of the guess.
         stiffness: of the penalty that keeps pairs apart, as a place in STIFFNESS from 1; 0 for none.
         depth: overlap of spheres, beyond what is allowed, that it left [m]; hard: whether rows have taken its place.
@@ -127,6 +127,7 @@ class Search:
     cuts: Cuts = field(default_factory=Cuts)
     outcome: Outcome | None = None
     reason: str = ""
+    solver: str = ""
     objective: float = np.inf
     first_objective: float | None = None
     gain: float | None = None
@@ -289,7 +290,7 @@ class Search:
             x0 = program.guess(self.trajectory)
             result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
             self.spent.iterations += result.iterations
-            self.outcome, self.reason = result.outcome, result.reason
+            self.outcome, self.reason, self.solver = result.outcome, result.reason, result.solver
             for name, count in result.evaluations.items():
                 self.evaluations[name] = self.evaluations.get(name, 0) + count
             if result.outcome is Outcome.FAILED:

@@ -226,6 +226,7 @@ def run(code, environment=None, **options):
 def test_after_ctrl_c_everything_that_was_done_is_kept_and_no_process_is_left(four):
     code = (
         "import os, signal, sys, time, energyopt as eo\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background\n"
         "from batch_problems import SPLINE, moves\n"
         "def progress(done, failed, total):\n"
         "    if done == 4: os.kill(os.getpid(), signal.SIGINT)\n"

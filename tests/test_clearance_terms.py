@@ -6,15 +6,17 @@ import arms
 import numpy as np
 import pytest
 from scenes import chain_of_spheres, surroundings
+from test_obstacles import gantry
 from test_transcription import DIFFERENCES, METHODS, differences, evaluate, some_point, wriggle
 
 import energyopt as eo
-from energyopt.avoidance import RESERVE, Avoidance
+from energyopt.avoidance import RESERVE, Avoidance, avoidance_of
 from energyopt.collision import Hinge, Scene, pair_kernels
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.transcription import Cuts, transcribe
 from energyopt.transcription.clearance import EXCESS, ClearanceTerms, close_pairs
-from energyopt.transcription.penalty import overlap, penalty_samples, travel_times
+from energyopt.transcription.easing import MOST, NEAR, eased
+from energyopt.transcription.penalty import overlap, penalty_samples, price, travel_times
 
 KINKS = 20.0
 """Second derivatives of distances jump where the nearest feature changes: steps across such places are that much worse."""
@@ -104,3 +106,51 @@ def test_rows_are_asked_for_where_a_motion_is_too_close_and_only_there():
     far = avoidance((eo.Sphere(0.1, (9.0, 9.0, 9.0)),))
     only_itself = close_pairs(far, motion)
     assert all(b < 0 for _, _, b in only_itself)
+
+
+def test_the_price_of_a_penalty_is_force_times_the_way_left():
+    """Against Σ f (required + band − m − required) pair by pair, f = k m² / 2 band; nothing overlaps more than the band."""
+    post, hinge, motion = (eo.Sphere(0.1, (0.4, 0.2, 1.2)),), Hinge(50.0, 0.4), eo.baseline(problem())
+    arm = replace(chain_of_spheres(), self_pair=np.zeros((0, 2), np.int64))
+    kept = Avoidance(arm, pair_kernels(arm, post), Scene.of(arm, post, [0.0], RESERVE, RESERVE), RESERVE)
+    times, weights = penalty_samples(kept, motion)
+    placed = kept.kernels.place(kept.scene.at(times), motion(times))
+    pairs = np.array([(a, 0) for k in np.flatnonzero(arm.moving_links) for a in range(*arm.link_start[k : k + 2])])
+    sample, every = np.repeat(np.arange(len(times)), len(pairs)), np.tile(pairs, (len(times), 1))
+    missing = np.maximum(RESERVE + hinge.band - placed.pairs(sample, every)[0], 0.0)
+    assert 0.0 < missing.max() < hinge.band
+    expected = weights[sample] @ (0.5 * hinge.stiffness * missing**2 * (hinge.band - missing) / hinge.band)
+    assert price(kept, motion, hinge) == pytest.approx(expected, rel=1e-5)
+
+
+def past_a_post(post_at):
+    """A gantry carries a cube past a post at a distance."""
+    cube = eo.Attached(eo.Box((0.2, 0.2, 0.2)), name="cube")
+    asked = eo.Problem(
+        gantry(), [-1.0, 0.0], [1.0, 0.0], 2.0, obstacles=[eo.Cylinder(0.1, 1.0, (0, post_at, 0), "post")], attached=(cube,)
+    )
+    return asked, avoidance_of(asked), eo.baseline(asked)
+
+
+def test_spheres_that_stick_out_are_asked_less_and_no_more_than_exact_distances_allow():
+    """The face of the cube passes 5 mm from the post; its spheres, which stick out, seem to touch it."""
+    asked, kept, motion = past_a_post(0.205)
+    before = overlap(kept, motion, NEAR)
+    given = eased(kept, asked, motion)
+    assert before > 0.0 and 0.0 < np.max(given.given) <= MOST
+    assert np.all(given.scene.required <= kept.scene.required) and overlap(given, motion) < before
+
+
+def test_what_was_given_too_much_is_taken_back():
+    """The cube passes where it just may; spheres that stick out by some 11 mm were given 14."""
+    asked, kept, motion = past_a_post(0.2 + RESERVE)
+    given = kept.less(np.full(1, 0.014), 0.02)
+    back = eased(given, asked, motion, back=True)
+    assert np.max(back.given) < 0.014 - 1e-3 and np.all(back.scene.required <= kept.scene.required)
+
+
+def test_a_ball_is_its_own_sphere_and_is_given_nothing():
+    ball = eo.Attached(eo.Sphere(0.1), name="ball")
+    asked = eo.Problem(gantry(), [-1.0, 0.0], [1.0, 0.0], 2.0, obstacles=[eo.Sphere(0.1, (0, 0.2 + 2e-3, 0))], attached=(ball,))
+    kept = avoidance_of(asked)
+    assert np.max(eased(kept, asked, eo.baseline(asked)).given) < 1e-6

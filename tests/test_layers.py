@@ -18,7 +18,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "limit_checks baselines inverse_kinematics feasibility impossible least_times reach timing",
     "clearance_checks pathfinding",
     "transcription",
-    "verification durations retiming seeds refinement",
+    "verification durations retiming rescaling seeds refinement",
     "search",
     "campaign",
     "planning io",

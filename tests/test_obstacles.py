@@ -124,6 +124,15 @@ def test_a_plan_that_must_go_round_is_replayed_without_contact():
     assert log.contacts is not None and log.contact_steps == 0 and eo.validate(plan, log).passed
 
 
+@pytest.mark.parametrize("thickness", [0.04, 0.01])
+def test_a_thin_board_is_gone_round_and_not_through(thickness):
+    """Penalties of sampled spheres let motions slip through what is thin: a firmer one holds a guess that goes round."""
+    plan = eo.plan(task(eo.Box((thickness, 2.0, 1.0), (0, 0.05, 0), "board"), position_limits=(-2, 2)))
+    t = np.linspace(0, T, 4001)
+    x, y = plan.trajectory(t).T
+    assert plan.solved and np.abs(y[np.abs(x) < 0.5 * thickness] - 0.05).min() > 1.0
+
+
 # ---- moving obstacles
 
 

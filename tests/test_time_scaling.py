@@ -13,7 +13,7 @@ from energyopt.cli import main
 from energyopt.costs import TorqueSquared
 from energyopt.parameterizations import PathTrajectory, PolynomialTrajectory, SplineTrajectory, trajectory_from_arrays
 from energyopt.parameterizations.excursions import excursions
-from energyopt.retiming import rescale
+from energyopt.rescaling import rescale
 from energyopt.verification import is_valid, objective, verify
 
 

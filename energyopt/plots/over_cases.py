@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from energyopt.plans import Plan
 
 BINS = 16
+ROOM = 8
+"""Letters of a joint name that need not be turned."""
 BOX = 0.5
 """Width of a box, as a share of the room that a joint has."""
 
@@ -43,7 +45,7 @@ def plot_robustness(plan: Plan, found: Robustness, trials: Trials | None = None)
             raise InputError(f"plot_robustness: {name} is {shown(value)}: expected what energyopt.{function} gives")
     with look.style():
         rows = 1 if trials is None else 2
-        figure, panels = look.panels(rows, 2, height=2.4, gap=0.78, labels=0.58, legend_rows=1, share=False)
+        figure, panels = look.panels(rows, 2, height=2.4, gap=0.95, labels=0.58, legend_rows=1, share=False)
         _draw_energy(panels[0, 0], found)
         _draw_torque(panels[0, 1], found)
         if trials is not None:
@@ -79,7 +81,7 @@ def _draw_energy(ax: Axes, found: Robustness) -> None:
 
 def _draw_torque(ax: Axes, found: Robustness) -> None:
     """Of every joint the share of its torque limit: draws as boxes, the worst corner above them."""
-    names = short_names(found.joint_names, 9)
+    names = short_names(found.joint_names, 14)
     at = np.arange(len(names))
     worst = np.max([result.torque_share for result in found.corners], axis=0)
     if found.samples:
@@ -96,8 +98,8 @@ def _draw_torque(ax: Axes, found: Robustness) -> None:
     ax.set(title="Largest torque, % of its limit", xlim=(-0.6, len(names) - 0.4), xticks=at, xticklabels=names)
     ax.set_ylim(0.0, max(108.0, 1.08 * float(worst.max())))
     ax.grid(visible=False, axis="x")
-    if len(names) > 7:
-        ax.tick_params(axis="x", rotation=60)
+    if len(names) > 7 or max(map(len, names)) > ROOM:
+        ax.set_xticks(at, names, rotation=30, ha="right", rotation_mode="anchor")
 
 
 def _draw_tracking(ax: Axes, trials: Trials) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,7 +95,8 @@ def _draw_joints(ax: Axes, account: EnergyAccount) -> None:
 
 def _draw_steps(ax: Axes, account: EnergyAccount) -> None:
     """From nothing to the whole, cause by cause, all joints together."""
-    totals, level = account.totals(), 0.0
+    totals = {cause: value for cause, value in account.totals().items() if value or cause in ("kinetic", "gravity")}
+    level = 0.0
     whole = account.mechanical_J if account.electrical_J is None else account.electrical_J
     name = "mechanical work" if account.electrical_J is None else "electrical input"
     reach = max(1e-9, *(abs(value) for value in totals.values()), abs(whole))
@@ -103,9 +105,9 @@ def _draw_steps(ax: Axes, account: EnergyAccount) -> None:
         base = 0.0 if last else level
         ax.bar(k, value, bottom=base, width=WIDTH, color=look.INK if last else COLOURS[cause], linewidth=0, zorder=3)
         words = f"{0.0 if abs(value) < 1e-6 * reach else value:.3g}".replace("-", "−")
-        ax.annotate(
-            words, (k, max(base, base + value)), xytext=(0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8.0
-        )
+        box = {"boxstyle": "square,pad=0.1", "facecolor": look.PAPER, "edgecolor": "none", "alpha": 0.8}
+        place = {"xytext": (0, 3), "textcoords": "offset points", "ha": "center", "va": "bottom"}
+        ax.annotate(words, (k, max(base, base + value)), fontsize=8.0, bbox=box, zorder=6, **place)
         level = base + value
         if not last:
             ax.plot((k, k + 1), (level, level), color=look.QUIET, linewidth=0.7, zorder=2)
@@ -134,9 +136,15 @@ def _draw_power(ax: Axes, account: EnergyAccount) -> None:
 
 
 def short_names(names: tuple[str, ...], most: int = 15) -> list[str]:
-    """Joint names without what all of them begin with, as they can stand below a bar."""
+    """Joint names without the words that all of them begin or end with, as they can stand below a bar."""
+    start, end = _shared(names, "_/-"), _shared([name[::-1] for name in names], "_/-")
+    cut = [name[start : len(name) - end] for name in names]
+    room = max(6, most - max(0, len(names) - 7))
+    return [look.fitted(short or name, room) for short, name in zip(cut, names, strict=True)]
+
+
+def _shared(names: Sequence[str], marks: str) -> int:
+    """Characters that all names begin with, up to and with the last mark among them."""
     first, last = min(names), max(names)  # what these two share, all share
     same = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), 0)
-    cut = max(first.rfind(mark, 0, same) for mark in "_/-") + 1
-    room = max(6, most - max(0, len(names) - 7))
-    return [look.fitted(name[cut:], room) for name in names]
+    return max(first.rfind(mark, 0, same) for mark in marks) + 1

@@ -2,7 +2,7 @@
 
 An iteration costs little more than the program's derivatives: where those are compiled too, no Python runs between them. It
 knows no restoration of feasibility; a solve that would need one ends without an answer, and IPOPT takes over from the same
-start. IPOPT also takes programs whose Jacobian of equality rows, or whose Hessian, would fill the profile.
+start. IPOPT also takes programs with many equality rows, and those whose Hessian would fill the profile.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from energyopt.solvers.result import DEFAULT, VIOLATION, Outcome, Progress, Solv
 
 MOST_ITERATIONS = 200
 """Where more are needed something is wrong with the program or the start."""
+MOST_EQUALITIES = 32
+"""Without exchanges of pivots digits are lost with each equality row: collocation, which has hundreds, is for IPOPT."""
 SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
 WARM = 1e-3
-"""Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at their
-own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
+"""Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at
+their own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
 PUSH, TRUSTED = 1e-2, 10.0
 """Share of an interval by which the start is moved away from its ends, and the same over the barrier parameter where that is
 small: such a start is nearly optimal, and often stands on its limits."""
@@ -84,7 +86,8 @@ def solve(
 
 
 def _suits(program) -> bool:
-    if library_path(*_SOURCES) is None or not program.size:
+    equalities = np.count_nonzero(program.row_lower == program.row_upper)
+    if library_path(*_SOURCES) is None or not program.size or equalities > min(MOST_EQUALITIES, program.size):
         return False
     return bool(np.all(program.lower < program.upper) and np.all(program.row_lower <= program.row_upper))
 

@@ -21,10 +21,10 @@ def draw(results: dict, axes: dict[str, str], path: Path) -> None:
             points = [point for point in found["points"] if point["n"] > 0]
             if points:
                 _times(panels[0, k], axis, points, found["exponents"])
-                _memory(panels[1, k], points, found["exponents"])
+                _memory(panels[1, k], points)
             panels[1, k].set_xlabel(axes[axis])
         panels[0, 0].set_ylabel("processor time of plan() [ms]")
-        panels[1, 0].set_ylabel("memory [MB]")
+        panels[1, 0].set_ylabel("memory beside that of a\nsmall plan before it [MB]")
         for panel in panels.flat:
             _scales(panel)
         figure.text(0.01, 0.99, "What a plan costs as problems grow", va="top", fontsize=11.5, fontweight="bold")
@@ -46,16 +46,16 @@ def _times(panel, axis: str, points: list[dict], exponents: dict) -> None:
     _guide(panel, n, middle)
     for joints, seconds in GOALS.get(axis, {}).items():
         panel.plot(joints, 1e3 * seconds, "x", color=LIMIT, markersize=7, markeredgewidth=1.6, zorder=4)
-    _title(panel, exponents.get("plan"), "time")
+    exponent = exponents.get("plan")
+    panel.set_title("" if exponent is None else f"time grows with power {exponent:.2f}")
 
 
-def _memory(panel, points: list[dict], exponents: dict) -> None:
+def _memory(panel, points: list[dict]) -> None:
     some = [(point["n"], point["memory_MB"]) for point in points if point["memory_MB"] > 0]
     if some:
         n, memory = zip(*some, strict=True)
         panel.plot(n, memory, "o", color=PLANNED, markersize=4.5, zorder=3)
         _guide(panel, n, memory)
-    _title(panel, exponents.get("memory"), "memory")
 
 
 def _guide(panel, n, values) -> None:
@@ -64,21 +64,14 @@ def _guide(panel, n, values) -> None:
         panel.plot([min(n), max(n)], [values[-1] * min(n) / max(n), values[-1]], **GUIDE)
 
 
-def _title(panel, exponent: float | None, what: str) -> None:
-    panel.set_title("" if exponent is None else f"{what} grows with power {exponent:.2f}")
-
-
 def _scales(panel) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
     panel.set_xscale("log")
     panel.set_yscale("log")
-    places = {place for line in panel.lines for place in line.get_xdata()}
-    if places:
-        low, high = min(places), max(places)
-        ticks = [tick for tick in (2, 5, 6, 7, 8, 10, 14, 18, 25, 30, 50, 100, 200) if low <= tick <= high]
-        panel.xaxis.set_major_locator(FixedLocator(_apart(ticks)))
-    panel.xaxis.set_minor_formatter(NullFormatter())
+    places = sorted({float(place) for line in panel.lines for place in line.get_xdata()})
+    panel.xaxis.set_major_locator(FixedLocator(_apart(places)))
+    panel.xaxis.set_minor_locator(NullLocator())
     for axis in (panel.xaxis, panel.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.yaxis.set_minor_formatter(NullFormatter())
@@ -86,9 +79,9 @@ def _scales(panel) -> None:
     panel.grid(True, which="major", color=RULE, linewidth=0.6)
 
 
-def _apart(ticks: list[int]) -> list[int]:
+def _apart(ticks: list[float]) -> list[float]:
     """Ticks whose labels do not touch."""
-    kept: list[int] = []
+    kept: list[float] = []
     for tick in ticks:
         if not kept or tick >= 1.14 * kept[-1]:
             kept.append(tick)

@@ -4,7 +4,8 @@ From a base of a Panda with 16 control points and nothing in its way: other arms
 its pelvis; 8 to 200 control points; 0 to 200 spheres, five at random places and the others where they leave the optimum among
 those as it is, so that the task stays as hard. The knots are fixed. An exponent p is that of the power law a·nᵖ nearest to the
 medians (least squares in logarithms) over the upper half of an axis, where what does not grow with n weighs little. Every setting
-runs in a process of its own (`_scaling_case.py`), so that its peak of memory is its own.
+runs in a process of its own (`_scaling_case.py`), so that its peak of memory is its own; what small ones need fits into what a
+plan before them left, so memory gets no exponent.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def main() -> int:
     results = {axis: _axis(axis, some, parsed) for axis, some in cases.items() if some}
     if parsed.figure is not None:
         draw(results, AXES, parsed.figure)
-    return publish(Report("scaling", MEASURES, settings(parsed), results, _text(results), _goals(results)), parsed.json)
+    return publish(Report("scaling", MEASURES, _settings(parsed), results, _text(results), _goals(results)), parsed.json)
 
 
 def _arguments():
@@ -54,6 +55,10 @@ def _arguments():
     return made.parse_args()
 
 
+def _settings(parsed) -> dict:
+    return {key: value for key, value in settings(parsed).items() if key != "figure"}
+
+
 def _axis(axis: str, cases: list[dict], parsed) -> dict:
     """All settings of an axis, in turn, and the exponents."""
     points = []
@@ -64,7 +69,6 @@ def _axis(axis: str, cases: list[dict], parsed) -> dict:
     points.sort(key=lambda point: point["n"])
     keys = {stage: (lambda point, stage=stage: point["seconds"][stage]["median"]) for stage in STAGES}
     keys |= {"iteration": lambda point: point["iteration_s"]["median"], "iterations": lambda point: point["iterations"]["median"]}
-    keys |= {"memory": lambda point: point["memory_MB"]}
     return {"points": points, "exponents": {name: exponent(points, key) for name, key in keys.items()}}
 
 
@@ -129,7 +133,7 @@ def _goals(results: dict) -> list[Goal]:
             goals.append(Goal(what, 1e3 * point["seconds"]["plan"]["median"], 1e3 * JOINT_GOALS[point["n"]], "ms"))
     for axis in ("control_points", "obstacles"):
         exponents = results.get(axis, {}).get("exponents", {})
-        for name in ("plan", "iteration", "memory"):
+        for name in ("plan", "iteration"):
             if exponents.get(name) is not None:
                 goals.append(Goal(f"exponent of {name} in {AXES[axis]}", exponents[name], LINEAR, ""))
     return goals
