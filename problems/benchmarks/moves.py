@@ -112,10 +112,22 @@ def _measure(move: eo.Problem, motion: Trajectory) -> dict:
 
 
 def _savings(measured: list[dict], name: str, kind: str) -> dict:
-    """Quartiles of what a plan saves of an ordinary motion's costs [%]: of all moves, and where that motion breaks nothing."""
+    """What a plan saves of an ordinary motion's costs [%].
+
+    Quartiles over the moves, over those on which the ordinary motion breaks nothing, and the saving in the sum of all moves:
+    moves that go down draw next to nothing from the supply, and a percentage of next to nothing may be anything.
+    """
     saved = lambda key, some: quartiles([100.0 * (1.0 - one[name][key] / one[kind][key]) for one in some])
+    total = lambda key, motion: sum(one[motion][key] for one in measured)
     keeping = [one for one in measured if not one[kind]["broken"]]
-    return {key: {"all": saved(key, measured), "keeping limits": saved(key, keeping)} for key in MEASURED}
+    return {
+        key: {
+            "all": saved(key, measured),
+            "keeping limits": saved(key, keeping),
+            "sum": 100.0 * (1.0 - total(key, name) / total(key, kind)) if measured else None,
+        }
+        for key in MEASURED
+    }
 
 
 def _broken(measured: list[dict], kind: str) -> dict:
@@ -128,14 +140,13 @@ def _rows(results: dict) -> list[tuple[str, ...]]:
     rows = []
     for name, by_kind in results["saved_percent"].items():
         for kind, by_key in by_kind.items():
-            spreads = [shown(by_key[key]["all"], ".0f") for key in MEASURED]
-            within = shown(by_key["torque_squared"]["keeping limits"], ".0f")
-            rows.append((name, kind, *spreads, within))
+            sums = ("none" if by_key[key]["sum"] is None else f"{by_key[key]['sum']:.0f}" for key in MEASURED)
+            cells = (f"{shown(by_key[key]['all'], '.0f')}; {whole}" for key, whole in zip(MEASURED, sums, strict=True))
+            rows.append((name, kind, *cells))
     return rows
 
 
-def _head(results: dict) -> tuple[str, ...]:
-    return ("motion", "against", *(f"{words} [%]" for words in MEASURED.values()), "∫Στ²dt where that breaks nothing [%]")
+HEAD = ("motion", "against", *(f"{words} [%]" for words in MEASURED.values()))
 
 
 def _remarks(results: dict) -> list[str]:
@@ -155,26 +166,22 @@ def _words(name: str) -> str:
 
 def _text(results: dict) -> str:
     lines = [f"  {line}\n" for line in _remarks(results)]
-    return table(_head(results), _rows(results)) + "  savings, median (quartiles)\n" + "".join(lines)
+    return table(HEAD, _rows(results)) + "  savings: median over the moves (quartiles); of all together\n" + "".join(lines)
 
 
 def _write(results: dict, parsed: argparse.Namespace) -> None:
     """The table and its caption into docs/benchmarks.md."""
     escaped = lambda cells: "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-    drive = ", ".join(f"{key} {value:g}" for key, value in DRIVE.items())
-    motors = "; ".join(
-        f"{'from' if strong else 'below'} {STRONG:g} N·m " + ", ".join(f"{key} {value:g}" for key, value in motor.items())
-        for strong, motor in MOTORS.items()
-    )
+    strong, weak = ("{torque_constant:g} N·m/A and {resistance:g} Ω".format(**MOTORS[size]) for size in (True, False))
     caption = (
-        f"Savings on {results['compared']} random {parsed.robot} moves (`moves`, seed {parsed.seed}) at {parsed.factor:g} times "
-        "the least time of the straight way, median (quartiles). Electrical joules are those of a generic example drive, NOT of "
-        f"this arm, whose drive data nobody has published: {drive}, {motors} (SI units, by the joint's torque limit), one shared "
-        "bus that burns what is left over, no standby power."
+        f"Savings on {results['compared']} random {parsed.robot} moves (`moves`, seed {parsed.seed}) at {parsed.factor:g} times\n"
+        "the least time of the straight way: median over the moves (quartiles); of all together. Electrical joules are those of\n"
+        "a generic example drive, NOT of this arm, whose drive data nobody has published:\n"
+        f"gear {DRIVE['gear_ratio']:g}:1 of efficiency {DRIVE['efficiency']:g}, {strong} for joints of {STRONG:g} N·m or more, {weak}\n"
+        "for the others, one bus that burns what is left over, no standby power."
     )
-    head = _head(results)
-    rows = [escaped(head), "|---|---|" + "--:|" * (len(head) - 2), *(escaped(row) for row in _rows(results))]
-    block = "\n\n".join([caption, "\n".join(rows), " ".join(_remarks(results))])
+    rows = [escaped(HEAD), "|---|---|" + "--:|" * (len(HEAD) - 2), *(escaped(row) for row in _rows(results))]
+    block = "\n\n".join([caption, "\n".join(rows), "\n".join(_remarks(results))])
     page = PAGE.read_text(encoding="utf-8")
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     if not pattern.search(page):
