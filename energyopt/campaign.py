@@ -53,8 +53,8 @@ PATH_SECONDS = 8.0
 FIRM, FIRMEST = 2, 4
 """Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
 and where all guesses have failed with that."""
-HOPELESS = 0.03
-"""Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry."""
+HOPELESS = 0.02
+"""Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry: that is how far they stick out."""
 COSTLY, WORTH = 1.25, 1.08
 """J over that of the best optimum without obstacles, from which a second guess is tried: much may be gained; and from which that
 optimum is the second guess, where it is another one than from the straight guess."""
@@ -135,7 +135,7 @@ class Campaign:
         return self._best(searches)
 
     def resume(self, begun: Search) -> Search:
-        """Go on from the optimum of a similar problem: on its knots, with its rows, in the time of this one."""
+        """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
         targets = self._targets()
         if self.durations is not None:
             low, high = self.durations
@@ -148,8 +148,10 @@ class Campaign:
         self.searches.append(search)
         self.tried.append("the optimum before")
         self.current = search
-        search.advance()
-        return self._best(self.searches)
+        if search.advance() and self._accuracy is not None:
+            search.reaches(self._accuracy)  # said, not acted upon: the knots stay
+        search.harden(self._accuracy)
+        return search
 
     def _first_duration(self, goal: np.ndarray) -> float:
         if self.given is None:
@@ -263,7 +265,8 @@ class Campaign:
             if search.outcome in STOP:
                 self.searches.append(search)
                 return
-            if search.converged:
+            others = [other.objective for other in self.unaware]
+            if search.converged and not any(abs(search.objective - other) <= SAME * abs(other) for other in others):
                 self.unaware.append(search)
         for search in sorted(self.unaware, key=lambda search: search.objective):
             if overlap(search.avoidance, search.trajectory) <= HOPELESS and search.clear():

@@ -37,9 +37,10 @@ def check_feasibility(problem: Problem, goal: np.ndarray | None = None) -> None:
     goal = problem.goal_position if goal is None else goal
     _check_positions(problem, goal)
     _check_rates(problem)
-    _check_static_torque(problem, goal)
     check_times(problem, goal)
-    check_changes(problem, goal)
+    if not problem.periodic:  # a cycle is at rest nowhere
+        _check_static_torque(problem, goal)
+        check_changes(problem, goal)
 
 
 def _check_positions(problem: Problem, goal: np.ndarray | None) -> None:

@@ -132,6 +132,8 @@ def _number(x: np.ndarray) -> np.ndarray:
 
 def _rests(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Joints at rest at the start and at the goal, each (nv,)."""
+    if problem.periodic:
+        return (np.zeros(problem.robot.nv, bool),) * 2
     starts = (problem.start_velocity == 0) & (problem.start_acceleration == 0)
     return starts, (problem.goal_velocity == 0) & (problem.goal_acceleration == 0)
 

@@ -35,6 +35,8 @@ _STATUS = {
 }
 QUICK = {"per_span": 4, "distances": False}
 """How a motion is checked after Ctrl-C: it is not claimed to be valid anyway."""
+DEFAULTS = {"starts": None, "seed": 0, "time_limit": None, "iterations": 500, "path_search": "auto"}
+"""Options of `plan` that functions which plan several times take too."""
 _SENTENCE = {
     Status.SOLVED: "solved; every limit holds on the dense check",
     Status.INFEASIBLE: "no motion inside the limits was found: the solver ended where they contradict each other",

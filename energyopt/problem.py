@@ -80,6 +80,8 @@ class Problem:
         duration: T [s], or (least, most) where the optimiser is to choose it.
         velocity_weight: λ, one number or one a joint [N²·m²·s²/rad²].
         torque_weights: w, dimensionless.
+        periodic: whether the motion is a cycle: it ends where it starts, with the velocity and the acceleration it starts with,
+            which the optimiser chooses.
         costs: cost terms (see `energyopt.costs`) in place of these two.
         waypoints: configurations to pass through: `Waypoint`, an array, or a pair (array, time).
         start_velocity, goal_velocity: [rad/s]; start_acceleration, goal_acceleration: [rad/s²]; zero by default.
@@ -124,6 +126,7 @@ class Problem:
     name: str = ""
     origin: Callable[[str], tuple[str, str]] | None = field(default=None, repr=False)
     costs: Sequence[CostTerm] | CostTerm | None = None
+    periodic: bool = False
 
     def __post_init__(self):
         if not isinstance(self.robot, RobotModel):
@@ -149,6 +152,7 @@ class Problem:
         if self.free_duration and any(w.time is not None for w in self.waypoints):
             raise ProblemError("a waypoint has a time, and the duration is free: leave its time out, or give one duration")
         _ = self.limits
+        self._check_cycle()
         put("obstacles", values.instances("obstacles", self.obstacles, Shape, "shapes such as energyopt.Box(size, pose)"))
         put("attached", values.instances("attached", self.attached, Attached, "energyopt.Attached(shape, frame)"))
         put("workspace", _workspaces(self.workspace))
@@ -194,6 +198,19 @@ class Problem:
         if self.costs is not None:
             return self.costs
         return TorqueSquared(weights=self.torque_weights), VelocitySquared(weights=self.velocity_weight)
+
+    def _check_cycle(self) -> None:
+        if not isinstance(self.periodic, (bool, np.bool_)):
+            raise ProblemError(f"periodic is {values.shown(self.periodic)}: expected True or False")
+        if not self.periodic:
+            return
+        if isinstance(self.goal, FramePose) or np.any(self.goal != self.start):
+            raise ProblemError("periodic: the goal is not the start; expected goal=start, and what lies between as waypoints")
+        if not self.waypoints:
+            raise ProblemError("periodic: a cycle without waypoints stands still; expected one waypoint or more")
+        for key in ("start_velocity", "goal_velocity", "start_acceleration", "goal_acceleration"):
+            if np.any(getattr(self, key) != 0):
+                raise ProblemError(f"periodic: {key} is given; leave it out, a cycle passes its start with a velocity of its own")
 
     def _checked_costs(self) -> tuple[CostTerm, ...]:
         if np.any(self.torque_weights != 1.0) or np.any(self.velocity_weight != VELOCITY_WEIGHT):

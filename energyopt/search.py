@@ -114,6 +114,7 @@ class Search:
         promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
         durations: bounds of the duration [s], where it is free; `problem` is then the problem at the duration reached.
         warm: whether the guess is nearly optimal, on knots made for it.
+        ready: a program made already for the next round.
         spent: shared with other searches of the same plan, and with copies.
     """
 
@@ -141,6 +142,7 @@ class Search:
     spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
+    ready: NonlinearProgram | None = None
     evaluations: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -286,7 +288,7 @@ class Search:
         """Solve, and again with more rows, until a check finds nothing to add."""
         most = CLEARANCE_ROUNDS if self.hard else ROUNDS
         for self.rounds in range(1, most + 1):
-            program = self._transcribe()
+            program, self.ready = self.ready or self._transcribe(), None
             x0 = program.guess(self.trajectory)
             result = solve(program, x0, self._solver_options(barrier), self._reporter(), self.options.stop)
             self.spent.iterations += result.iterations
@@ -356,15 +358,17 @@ class Search:
         return max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
 
     def _guessed_objective(self) -> float:
-        """J of the guess, without clearance."""
-        program = transcribe(self.problem, self.space, self.kernels)
+        """J of the guess, without clearance. Where there is nothing else to it, its program is also that of the first round."""
+        plain = self.avoidance is None and self.durations is None and not len(self.cuts)
+        program = self._transcribe() if plain else transcribe(self.problem, self.space, self.kernels)
+        self.ready = program if plain else None
         program.evaluator.move(program.guess(self.trajectory))
         return program.evaluator.objective()
 
     def _transcribe(self) -> NonlinearProgram:
         started = time.perf_counter()
         program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms, self.durations)
-        if not self.levels and self.rounds == 1:
+        if not self.levels and self.rounds <= 1:
             self.spent.build_s += time.perf_counter() - started
         return program
 

@@ -23,7 +23,7 @@ from energyopt.metrics import metrics
 from energyopt.parameterizations import BSpline
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.parcels import packed, unpacked
-from energyopt.planning import Parameterization, planned
+from energyopt.planning import DEFAULTS, Parameterization, planned
 from energyopt.plans import Plan, Status
 from energyopt.pool import Workers
 from energyopt.problem import Problem
@@ -39,6 +39,8 @@ WORTH_CARRYING = 0.01
 """Share of J that a neighbour's motion has to promise before a duration is solved again, and to give to be taken."""
 SAMPLES = 400
 """Samples of a motion for its measures of energy."""
+ENOUGH = 1.5
+"""Estimated errors up to this many times the accuracy asked are accepted where knots are taken over from a neighbour."""
 WORTH_PROCESSES = 6.0
 """Estimated seconds of a sweep from which a second process, which takes some to start, is worth it."""
 SHARE = 0.5
@@ -129,20 +131,25 @@ def sweep(
     given = DEFAULTS | options
     check_names("sweep", options, DEFAULTS)
     check_options(parameterization, given)
-    middle = len(times) // 2
-    first = _cold(problem, times[middle], parameterization, given)
-    sides = times[middle - 1 :: -1] if middle else times[:0], times[middle + 1 :]
-    spent = SHARE * len(times) * sum(first[0].time_s.values()) if first[0] is not None else 0.0
-    both = (cores() if processes is None else processes) > 1 and spent > WORTH_PROCESSES and all(map(len, sides))
-    below, above = _both_sides(problem, parameterization, given, first, sides, both)
-    found = [*below[::-1], (times[middle], *first), *above]
-    points = tuple(_point(problem, T, plan, why) for T, plan, _, why in _carried(problem, parameterization, given, found))
+    found = followed(problem, times, parameterization, given, cores() if processes is None else processes)
+    points = tuple(_point(problem, T, plan, why) for T, plan, _, why in found)
     if not any(point.solved for point in points):
         last = next((point.plan for point in points if point.plan is not None), None)
         if last is None:
             raise ProblemError(f"sweep: {points[-1].why}")
         raise NoSolutionFound(last)
     return Sweep(problem, points, _best(problem, parameterization, given, points))
+
+
+def followed(problem: Problem, times: np.ndarray, parameterization: Parameterization, given: dict, processes: int = 1) -> list:
+    """The optimum at each of some rising durations: (duration, plan or None, its search or None, why there is no plan)."""
+    middle = len(times) // 2
+    first = _cold(problem, times[middle], parameterization, given)
+    sides = times[middle - 1 :: -1] if middle else times[:0], times[middle + 1 :]
+    spent = SHARE * len(times) * sum(first[0].time_s.values()) if first[0] is not None else 0.0
+    both = processes > 1 and spent > WORTH_PROCESSES and all(map(len, sides))
+    below, above = _both_sides(problem, parameterization, given, first, sides, both)
+    return _carried(problem, parameterization, given, [*below[::-1], (float(times[middle]), *first), *above])
 
 
 def energy_measures(problem: Problem, motion: Trajectory) -> dict[str, float]:
@@ -158,8 +165,6 @@ def energy_measures(problem: Problem, motion: Trajectory) -> dict[str, float]:
     return found
 
 
-DEFAULTS = {"starts": None, "seed": 0, "time_limit": None, "iterations": 500, "path_search": "auto"}
-"""Options of `plan` that a sweep takes too."""
 _Found = tuple[Plan | None, Search | None, str]
 """A plan or None, the search that found it or None, and why there is no plan."""
 
@@ -187,9 +192,15 @@ def _followed(problem: Problem, duration: float, parameterization: Parameterizat
         plan, search = planned(problem.lasting(float(duration)), parameterization, given, begun=begun)
     except ProblemError as error:
         return None, None, str(error)
-    if plan.status in (Status.SOLVED, Status.INTERRUPTED):
+    if plan.status is Status.INTERRUPTED or (plan.solved and _accurate(plan, parameterization)):
         return plan, search, ""
     return _cold(problem, duration, parameterization, given)
+
+
+def _accurate(plan: Plan, parameterization: Parameterization) -> bool:
+    """Whether knots made for another duration do for this one, by a margin: the estimate is one."""
+    wanted = getattr(parameterization, "accuracy", None)
+    return wanted is None or plan.discretization_error is None or plan.discretization_error <= ENOUGH * wanted
 
 
 def _chain(problem: Problem, times: np.ndarray, parameterization: Parameterization, given: dict, begun: Search | None) -> list:

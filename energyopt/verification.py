@@ -197,8 +197,11 @@ def _square_integrals(problem: Problem, trajectory: Trajectory, per_span: int) -
 
 
 def _boundary_finding(problem: Problem, trajectory: Trajectory) -> Finding:
-    ends = [(0.0, [problem.start, problem.start_velocity, problem.start_acceleration])]
-    ends.append((trajectory.duration, [problem.goal_position, problem.goal_velocity, problem.goal_acceleration]))
+    first = [problem.start, problem.start_velocity, problem.start_acceleration]
+    last = [problem.goal_position, problem.goal_velocity, problem.goal_acceleration]
+    if problem.periodic:
+        first, last = [problem.start, None, None], [problem.start, trajectory(0.0, 1), trajectory(0.0, 2)]
+    ends = [(0.0, first), (trajectory.duration, last)]
     # An acceleration is a second difference of coefficients: its rounding grows with the accelerations of the motion.
     scale = max(1.0, float(np.max(np.abs(trajectory(trajectory.breaks, 2)))))
     found = []

@@ -58,7 +58,7 @@ def test_energy_falls_with_the_third_power_of_the_duration_without_gravity():
 
 
 def test_the_optimal_timing_of_an_optimal_plan_is_the_one_it_has():
-    """On the path of a plan the best law is the plan's own: its J, to the accuracy of both splines (0.2 %), from another program."""
+    """On the path of a plan the best law is the plan's own: its J, from another program, to the splines' accuracy (0.2 %)."""
     plan = panda_plan()
     limits = plan.problem.limits
     again = eo.retime(

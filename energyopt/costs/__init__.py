@@ -2,6 +2,7 @@
 
 from energyopt.costs.acceleration_squared import AccelerationSquared
 from energyopt.costs.cost import CostTerm, Integrand, Samples, checked_costs, formula
+from energyopt.costs.duration import Duration
 from energyopt.costs.electrical_energy import ElectricalEnergy
 from energyopt.costs.jerk_squared import JerkSquared
 from energyopt.costs.measure import integral, samples_of, smoothing_error, smoothing_notes
@@ -20,6 +21,7 @@ COSTS: dict[str, type[CostTerm]] = {
         MechanicalPower,
         PositivePower,
         ElectricalEnergy,
+        Duration,
     )
 }
 """Every cost term by its name."""
@@ -28,6 +30,7 @@ __all__ = [
     "COSTS",
     "AccelerationSquared",
     "CostTerm",
+    "Duration",
     "ElectricalEnergy",
     "Integrand",
     "JerkSquared",

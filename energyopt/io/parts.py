@@ -102,6 +102,7 @@ def problem_arrays(problem: Problem, arrays: Arrays) -> dict[str, Any]:
     arrays |= {f"problem.limits.{side}": np.asarray(getattr(limits, side), float) for side in sides}
     return {
         "name": problem.name,
+        "periodic": bool(problem.periodic),
         "goal_frame": goal.frame if isinstance(goal, FramePose) else None,
         "waypoint_times": [w.time for w in problem.waypoints],
         "costs": None if problem.costs is None else costs_meta(problem.costs, problem.robot.actuators),
@@ -135,6 +136,7 @@ def problem_from_arrays(meta: dict[str, Any], robot: RobotModel, arrays: Arrays)
         duration=_duration(arrays),
         waypoints=tuple(Waypoint(p, None if t is None else float(t)) for p, t in zip(points, times, strict=True)),
         name=str(meta["name"]),
+        periodic=bool(meta.get("periodic", False)),
         costs=None if meta.get("costs") is None else costs_from_meta(meta["costs"], robot.actuators, nv),
         **{key: _vector(arrays, key, nv) for key in _VECTORS},
         **limits,

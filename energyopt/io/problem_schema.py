@@ -117,6 +117,7 @@ _PROBLEM = Table(
         "goal_acceleration": _for_joints("rad/s²"),
         "clearance": number("m", low=0),
         "self_collision": YES_NO,
+        "periodic": YES_NO,
         "cost": COST,
     },
     required=("start", "goal", "duration"),

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -126,13 +127,24 @@ class SplineSpace(MotionSpace):
     def unknowns(self, start, goal):
         nv = len(start.velocity)
         offset, block = np.zeros((self.size, nv)), np.full(self.size, -1)
-        offset[:3] = self._end_coefficients(0.0, start)
-        offset[-3:] = self._end_coefficients(self.duration, goal)
+        offset[:3] = self._end_coefficients(0, start)
+        offset[-3:] = self._end_coefficients(1, goal)
         block[3:-3] = np.arange(self.size - 6)
         if goal.position is not None:
             return Unknowns(block, offset, self.size - 6)
         block[-3:] = self.size - 6
         return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
+
+    def closed_unknowns(self, position):
+        offset, block = np.zeros((self.size, len(position))), np.arange(-1, self.size - 1)
+        block[-1], offset[[0, -1]] = -1, position
+        return Unknowns(block, offset, self.size - 2)
+
+    def closing_rows(self):
+        """Velocity and acceleration at the end less those at the start."""
+        columns, values = self.basis(np.array([0.0, self.duration]))
+        both, change = columns.reshape(1, -1), np.concatenate([-values[0], values[1]], axis=1)
+        return Rows.stacked([Rows.banded(both, change[order : order + 1]) for order in (1, 2)])
 
     def bounding_rows(self, order):
         values = np.ones((self.size, 1))
@@ -181,13 +193,16 @@ class SplineSpace(MotionSpace):
         p, knots = self.degree - order + 1, self.knots[order:-order]
         return p / (knots[p:] - knots[:-p])
 
-    def _end_coefficients(self, t: float, state: BoundaryState) -> np.ndarray:
+    @cached_property
+    def _end_states(self) -> np.ndarray:
+        """Position, velocity and acceleration at the start and the end by the three outer coefficients there, (2, 3, 3)."""
+        values = self.basis(np.array([0.0, self.duration]))[1]
+        return np.stack([values[0][:, :3], values[1][:, -3:]])
+
+    def _end_coefficients(self, end: int, state: BoundaryState) -> np.ndarray:
         """The three outer coefficients (3, nv) that give a state; with an unknown position, what to add to it."""
-        columns, values = self.basis(np.array([t]))
-        outer = np.arange(3) if t == 0.0 else np.arange(self.size - 3, self.size)
-        local = values[0][:, np.searchsorted(columns[0], outer)]
         position = np.zeros_like(state.velocity) if state.position is None else state.position
-        return np.linalg.solve(local, np.stack([position, state.velocity, state.acceleration]))
+        return np.linalg.solve(self._end_states[end], np.stack([position, state.velocity, state.acceleration]))
 
 
 def _difference(shifted: np.ndarray, kept: np.ndarray) -> np.ndarray:

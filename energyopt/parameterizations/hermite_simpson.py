@@ -113,6 +113,11 @@ class HermiteSimpsonSpace(MotionSpace):
         block[-3] = self.size - 6
         return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
 
+    def closed_unknowns(self, position):
+        offset, block = np.zeros((self.size, len(position))), np.arange(-1, self.size - 1)
+        block[-3:], offset[[0, -3]] = (-1, block[1], block[2]), position
+        return Unknowns(block, offset, self.size - 4)
+
     def bounding_rows(self, order):
         return self._rows(_BERNSTEIN[order])
 

@@ -75,6 +75,12 @@ class SinusoidSpace(MotionSpace):
         block[3] = self.size - 6
         return Unknowns(block, offset, self.size - 5, goal=self.size - 6)
 
+    def closed_unknowns(self, position):
+        offset, block = np.zeros((self.size, len(position))), np.full(self.size, -1)
+        block[1:3] = block[4:6] = 0, 1
+        block[6:], offset[[0, 3]] = np.arange(2, self.size - 4), position
+        return Unknowns(block, offset, self.size - 4)
+
     def bounding_rows(self, order):
         """Rows at a few samples a period; further ones are added where a check finds a limit broken. None for positions,
         which hardly ever leave their limits."""

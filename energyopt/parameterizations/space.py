@@ -111,6 +111,17 @@ class MotionSpace(ABC):
         """Fix the coefficients that the boundary conditions determine."""
 
     @abstractmethod
+    def closed_unknowns(self, position: np.ndarray) -> Unknowns:
+        """The coefficients of cycles through ``position`` (nv,), whose velocity and acceleration there are unknown.
+
+        Where sharing coefficients does not make both ends equal, `closing_rows` do.
+        """
+
+    def closing_rows(self) -> Rows:
+        """Rows whose product with the coefficients of a cycle has to vanish."""
+        return Rows.stacked([])
+
+    @abstractmethod
     def bounding_rows(self, order: int) -> Rows:
         """If all rows times the coefficients lie in an interval, so does the derivative of this order."""
 

@@ -289,6 +289,39 @@ class JerkCost(_Priceless):
         return (self._share.T @ (np.exp(-3.0 * self._theta) * self._omega[:, None] * values)).ravel()
 
 
+class TimePrice(_Priceless):
+    """The share of the cost that only grows with the duration: price · T."""
+
+    variables = 0
+
+    def __init__(self, price: float, space: MotionSpace):
+        self._planned = self._value = price * space.duration
+        self.lower = self.upper = self.row_lower = self.row_upper = np.zeros(0)
+
+    def guess(self, coefficients):
+        return np.zeros(0)
+
+    def jacobian_pattern(self):
+        return np.zeros(0, int), np.zeros(0, int)
+
+    hessian_pattern = jacobian_pattern
+
+    def stretch(self, theta):
+        self._value = self._planned * np.exp(theta)
+
+    def in_theta(self, x, sigma, multipliers):
+        return ThetaTerms(self._value, 0.0, np.zeros(0), sigma * self._value)
+
+    def evaluate(self, x):
+        return np.zeros(0), np.zeros(0)
+
+    def objective(self):
+        return self._value
+
+    def curvature(self, x, sigma, multipliers):
+        return np.zeros(0)
+
+
 class ExtendedEvaluator:
     """A program's evaluator with extra rows and unknowns behind its own."""
 

@@ -104,6 +104,9 @@ def linear_rows(
                 groups.append((space.rows_at(sample.times, order), *bounds, order))
     defects = space.defects()
     groups.append((defects, *(np.zeros((defects.count, nv)),) * 2, 0))
+    if problem.periodic:
+        closing = space.closing_rows()
+        groups.append((closing, *(np.zeros((closing.count, nv)),) * 2, 0))
     timed = [w for w in problem.waypoints if w.time is not None]
     if timed:
         positions = np.array([w.position for w in timed])

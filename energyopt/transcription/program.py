@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energyopt.costs import CostTerm
+from energyopt.costs import CostTerm, Samples
 from energyopt.costs.cost import SquaredTerm
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
@@ -16,7 +16,7 @@ from energyopt.problem import Problem
 from energyopt.transcription.clearance import ClearanceTerms
 from energyopt.transcription.cuts import Cuts
 from energyopt.transcription.evaluators import make_evaluator
-from energyopt.transcription.extras import ExtendedEvaluator, JerkCost, extra_rows
+from energyopt.transcription.extras import ExtendedEvaluator, JerkCost, TimePrice, extra_rows
 from energyopt.transcription.layout import Layout, make_layout
 from energyopt.transcription.linear import linear_rows
 from energyopt.transcription.stage_costs import StageCosts
@@ -119,16 +119,22 @@ def transcribe(
         durations: where the duration is an unknown, its bounds [s]; otherwise it is that of the space.
     """
     ends = boundary_states(problem)
-    unknowns, cuts = space.unknowns(*ends), cuts or Cuts()
-    parts = offset_parts(space, *ends)
+    if problem.periodic:
+        unknowns = space.closed_unknowns(problem.start)
+        parts = np.stack([unknowns.offset, *np.zeros((2, *unknowns.offset.shape))])
+    else:
+        unknowns, parts = space.unknowns(*ends), offset_parts(space, *ends)
+    cuts = cuts or Cuts()
     free = None if durations is None else parts
     linear = linear_rows(problem, space, unknowns, cuts.sample_rows(problem.robot.nv), free)
     torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
-    squares, costs, jerks = split_costs(problem)
+    squares, costs, jerks, price = split_costs(problem)
     layout = make_layout(space, unknowns, linear, torque, squares)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
     base = evaluator = make_evaluator(layout, kernels, costs)
     extras = [*extra_rows(problem, space, unknowns), *(JerkCost(term, space, unknowns, parts) for term in jerks)]
+    if price and free is not None:
+        extras.append(TimePrice(price, space))
     if clearance is not None and (terms := clearance(space, unknowns, cuts)) is not None:
         extras.append(terms)
     if extras:
@@ -147,13 +153,19 @@ def transcribe(
     )
 
 
-def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageCosts | None, list[CostTerm]]:
+AT_REST = Samples(*np.zeros((5, 1, 1)))
+"""One sample, for terms that depend on nothing."""
+
+
+def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageCosts | None, list[CostTerm], float]:
     """The problem's cost terms as: weights of τ² (nv,) and of (q², q̇², q̈²) (3 nv,); what is more than squares of these, or None;
-    and those of the jerk."""
-    nv = problem.robot.nv
+    those of the jerk; and the price of a second, which matters where the duration is free."""
+    nv, price = problem.robot.nv, 0.0
     torque, state, general, jerks = np.zeros(nv), np.zeros((3, nv)), [], []
     for term in problem.cost_terms:
-        if term.uses == ("jerk",):
+        if not term.uses:
+            price += term.weight * float(term.integrand(AT_REST).value[0])
+        elif term.uses == ("jerk",):
             jerks.append(term)
         elif isinstance(term, SquaredTerm):
             place = torque if term.uses == ("tau",) else state["qva".index(term.uses[0])]
@@ -161,6 +173,6 @@ def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageC
         else:
             general.append(term)
     if not general:
-        return (torque, state.ravel()), None, jerks
-    kept = tuple(term for term in problem.cost_terms if term not in jerks)
-    return (torque, state.ravel()), StageCosts(kept), jerks
+        return (torque, state.ravel()), None, jerks, price
+    kept = tuple(term for term in problem.cost_terms if term.uses and term not in jerks)
+    return (torque, state.ravel()), StageCosts(kept), jerks, price

@@ -4,12 +4,14 @@ Measured are the stages of `energyopt.plan`: `solve` (from the transcribed progr
 torque rows and re-solves included), `build`, `verify`, and the whole call. The rival (`_textbook.py`) solves the same program:
 same spline, nodes, bounds, guess and tolerance; measured is its solver call alone, CasADi's differentiation apart. The two
 run in turns on the same machine. Ratios count only where both end in the same optimum (J within 1e-4 by numeric Pinocchio).
+`--profile` takes our times further apart instead.
 """
 
 from __future__ import annotations
 
 import sys
 
+import _profile
 import numpy as np
 from _shared import CLOCKS, Goal, Report, parser, publish, quartiles, random_moves, settings, shown, stages_timed_by, table
 from _textbook import VARIANTS, Textbook
@@ -31,6 +33,12 @@ def main() -> int:
     moves = random_moves(robot, parsed.problems, parsed.seed, parsed.self_collision, **options)
     spline = eo.BSpline(degree=parsed.degree, control_points=parsed.control_points, accuracy=None)
     timed_plan(moves[0], spline, "wall")  # loads or compiles the kernels
+    if parsed.profile:
+        found = _profile.profile(moves, spline)
+        return publish(
+            Report("profile", _profile.MEASURES, settings(parsed), found, _profile.text(found), _profile.goals(found, parsed)),
+            parsed.json,
+        )
     runs = [_run(move, spline, parsed, parsed.variants if k < parsed.rivals else []) for k, move in enumerate(moves)]
     results = _summary(runs, parsed.variants)
     return publish(Report("speed", MEASURES, settings(parsed), results, _text(results), _goals(results, parsed)), parsed.json)
@@ -41,6 +49,7 @@ def _arguments():
     made.add_argument("--robot", default="panda")
     made.add_argument("--problems", type=int, default=20, metavar="N")
     made.add_argument("--self-collision", action="store_true", help="keep the links of the arm apart")
+    made.add_argument("--profile", action="store_true", help="where the time of a plan goes, and IPOPT beside our solver")
     made.add_argument("--repeats", type=int, default=5, metavar="N", help="timed plans a problem, by either clock")
     made.add_argument("--rivals", type=int, default=10, metavar="N", help="problems on which the textbook runs too")
     made.add_argument("--variants", nargs="*", choices=VARIANTS, default=[v for v in VARIANTS if v != "map_jit"], metavar="NAME",
