@@ -177,8 +177,8 @@ def _write(results: dict, parsed: argparse.Namespace) -> None:
         f"Savings on {results['compared']} random {parsed.robot} moves (`moves`, seed {parsed.seed}) at {parsed.factor:g} times\n"
         "the least time of the straight way: median over the moves (quartiles); of all together. Electrical joules are those of\n"
         "a generic example drive, NOT of this arm, whose drive data nobody has published:\n"
-        f"gear {DRIVE['gear_ratio']:g}:1 of efficiency {DRIVE['efficiency']:g}, {strong} for joints of {STRONG:g} N·m or more, {weak}\n"
-        "for the others, one bus that burns what is left over, no standby power."
+        f"gear {DRIVE['gear_ratio']:g}:1 of efficiency {DRIVE['efficiency']:g}, {strong} for joints of {STRONG:g} N·m or more,\n"
+        f"{weak} for the others, one bus that burns what is left over, no standby power."
     )
     rows = [escaped(HEAD), "|---|---|" + "--:|" * (len(HEAD) - 2), *(escaped(row) for row in _rows(results))]
     block = "\n\n".join([caption, "\n".join(rows), "\n".join(_remarks(results))])
