@@ -66,8 +66,9 @@ def plan(
     Args:
         problem: what is asked.
         parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
-        starts: initial guesses to try; the best verified motion is returned. By default 1, and one a goal configuration
-            (4 at most) where the goal is Cartesian. Further guesses are tried where none of them leads to a valid motion.
+        starts: initial guesses to try; the best verified motion is returned. By default 1, another where obstacles make
+            the motion much dearer, and one a goal configuration (4 at most) where the goal is Cartesian. Further guesses are
+            tried where none of them leads to a valid motion.
         seed: of the random guesses.
         time_limit: seconds for all searches together.
         guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and
