@@ -21,6 +21,7 @@ SMALL = {
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "moves": ["--robot", "twodof", "--problems", "2"],
     "savings": ["--robots", "twodof", "--problems", "2"],
+    "solvers": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
     "scaling": ["--robots", "twodof", "--base", "twodof", "--control-points", "8", "16", "--obstacles", "6", "--moves", "2"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
@@ -63,6 +64,17 @@ def measured(tmp_path_factory):
 
 def spread(values):
     return values["lower"] <= values["median"] <= values["upper"] and all(map(math.isfinite, values.values()))
+
+
+def test_a_profile_takes_a_plan_apart_without_a_remainder(tmp_path):
+    command = [sys.executable, str(FOLDER / "speed.py"), "--profile", "--robot", "twodof", "--problems", "2"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    path = tmp_path / "profile.json"
+    done = subprocess.run([*command, "--json", str(path)], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    parts = json.loads(path.read_text())["results"]["parts"]
+    assert {"kernels", "assembly", "solver", "python", "plan"} == set(parts) and "IPOPT" in done.stdout
+    assert 0 < parts["kernels"]["median"] < parts["plan"]["median"] and parts["python"]["median"] > 0
 
 
 def test_every_suite_is_tested_small():
