@@ -24,6 +24,7 @@ SMALL = {
     "solvers": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
     "scaling": ["--robots", "twodof", "--base", "twodof", "--control-points", "8", "16", "--obstacles", "6", "--moves", "2"],
+    "what_if": ["--robots", "twodof", "--problems", "1"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
 }
 """Settings with which each suite takes a few seconds."""
@@ -249,3 +250,11 @@ def test_the_command_line_knows_the_suites(capsys):
     assert main(["bench", "nonesuch"]) == 2
     listed = capsys.readouterr().err
     assert all(suite in listed for suite in SUITES) and "_shared" not in listed
+
+
+def test_what_if_compares_plans_that_are_solved(measured):
+    results = measured("what_if")[1]["results"]
+    assert results["all"]["runs"] == len(results["runs"]) == results["all"]["solved"] >= 6
+    assert spread(results["all"]["ratio"]) and spread(results["all"]["objective_ratio"])
+    for run in results["runs"]:
+        assert run["ratio"] == pytest.approx(run["seconds"] / run["cold_seconds"])
