@@ -59,9 +59,12 @@ _HOME = {
     "retime": "retiming",
     "replay_trials": "robust",
     "robustness": "robust",
+    "sensitivities": "sensitivity",
     "sweep": "sweeping",
     "uniform_scaling": "timing",
     "validate": "validation",
+    "what_if": "whatif",
+    "what_if_problem": "whatif",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -134,7 +134,7 @@ def planned(
             if search is None:
                 raise
         with interrupted.held():
-            result = _finish(campaign, search, loaded, settings)
+            result = finished_plan(campaign, search, loaded, settings)
         if interrupted() and result.solved:
             result = replace(result, status=Status.INTERRUPTED, message=_SENTENCE[Status.INTERRUPTED])
     if callable(options.progress) and verbose is True:
@@ -142,7 +142,8 @@ def planned(
     return result, search
 
 
-def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+def finished_plan(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+    """The plan of a search, with the verdict on its motion; ``settings``: the options that were used."""
     stopped = search.outcome is Outcome.INTERRUPTED
     violations = verify(search.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
     terms = cost(search.problem, search.trajectory)

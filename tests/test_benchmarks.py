@@ -21,8 +21,10 @@ SMALL = {
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "moves": ["--robot", "twodof", "--problems", "2"],
     "savings": ["--robots", "twodof", "--problems", "2"],
+    "solvers": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
     "scaling": ["--robots", "twodof", "--base", "twodof", "--control-points", "8", "16", "--obstacles", "6", "--moves", "2"],
+    "what_if": ["--robots", "twodof", "--problems", "1"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
 }
 """Settings with which each suite takes a few seconds."""
@@ -63,6 +65,17 @@ def measured(tmp_path_factory):
 
 def spread(values):
     return values["lower"] <= values["median"] <= values["upper"] and all(map(math.isfinite, values.values()))
+
+
+def test_a_profile_takes_a_plan_apart_without_a_remainder(tmp_path):
+    command = [sys.executable, str(FOLDER / "speed.py"), "--profile", "--robot", "twodof", "--problems", "2"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    path = tmp_path / "profile.json"
+    done = subprocess.run([*command, "--json", str(path)], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    parts = json.loads(path.read_text())["results"]["parts"]
+    assert {"kernels", "assembly", "solver", "python", "plan"} == set(parts) and "IPOPT" in done.stdout
+    assert 0 < parts["kernels"]["median"] < parts["plan"]["median"] and parts["python"]["median"] > 0
 
 
 def test_every_suite_is_tested_small():
@@ -237,3 +250,11 @@ def test_the_command_line_knows_the_suites(capsys):
     assert main(["bench", "nonesuch"]) == 2
     listed = capsys.readouterr().err
     assert all(suite in listed for suite in SUITES) and "_shared" not in listed
+
+
+def test_what_if_compares_plans_that_are_solved(measured):
+    results = measured("what_if")[1]["results"]
+    assert results["all"]["runs"] == len(results["runs"]) == results["all"]["solved"] >= 6
+    assert spread(results["all"]["ratio"]) and spread(results["all"]["objective_ratio"])
+    for run in results["runs"]:
+        assert run["ratio"] == pytest.approx(run["seconds"] / run["cold_seconds"])

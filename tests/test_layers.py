@@ -22,7 +22,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "search",
     "campaign",
     "planning io",
-    "parcels places batch",
+    "parcels places batch whatif sensitivity",
     "simulation",
     "metrics energy",
     "robust sweeping sweep_text sequence",

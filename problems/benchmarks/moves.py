@@ -182,10 +182,10 @@ def _write(results: dict, parsed: argparse.Namespace) -> None:
     )
     rows = [escaped(HEAD), "|---|---|" + "--:|" * (len(HEAD) - 2), *(escaped(row) for row in _rows(results))]
     block = "\n\n".join([caption, "\n".join(rows), "\n".join(_remarks(results))])
-    page = PAGE.read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8") if PAGE.is_file() else ""
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     if not pattern.search(page):
-        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing")
+        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing; --docs is for a checkout")
     PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{block}\n\n{END}", page), encoding="utf-8")
 
 

@@ -37,6 +37,7 @@ SETS = (
     ("panda", {"hurry": 0.3}),
     ("ur5", {"hurry": 0.3}),
 )
+KINDS = ({}, {"acceleration": 15.0}, {"torque": True}, {"hurry": 0.3})
 SAME = 1e-5
 """Relative difference of J up to which two optima count as the same."""
 STAYS = 2e-6
@@ -47,11 +48,13 @@ TORQUE_TIMES = 20
 def main() -> int:
     made = parser("solvers", MEASURES)
     made.add_argument("--problems", type=int, default=8, metavar="N", help="a set; of slow ones half as many")
+    made.add_argument("--robots", nargs="*", metavar="NAME", help="these, with each kind of limits, instead of a chosen mixture")
     made.add_argument("--control-points", type=int, default=16, metavar="N")
     parsed = made.parse_args()
+    sets = [(robot, options) for robot in parsed.robots for options in KINDS] if parsed.robots else SETS
     runs = [
         {"set": _name(robot, options), **_run(program, x0)}
-        for k, (robot, options) in enumerate(SETS)
+        for k, (robot, options) in enumerate(sets)
         for program, x0 in _programs(robot, options, parsed, parsed.seed + k)
     ]
     results = {"sets": {name: _summary([r for r in runs if r["set"] == name]) for name in dict.fromkeys(r["set"] for r in runs)}}

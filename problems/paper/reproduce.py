@@ -190,10 +190,17 @@ def main() -> int:
     text = section(folder=parsed.figures)
     print(f"\n{text}")
     if parsed.docs:
-        page = PAGE.read_text(encoding="utf-8")
-        pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-        PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{text}\n\n{END}", page), encoding="utf-8")
+        _write(text)
     return 0
+
+
+def _write(text: str) -> None:
+    """The tables between their marks in docs/validation.md."""
+    page = PAGE.read_text(encoding="utf-8") if PAGE.is_file() else ""
+    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+    if not pattern.search(page):
+        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing; --docs is for a checkout")
+    PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{text}\n\n{END}", page), encoding="utf-8")
 
 
 def _save(drawn: Figure, path: Path) -> None:
