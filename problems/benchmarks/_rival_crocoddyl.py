@@ -19,7 +19,7 @@ from energyopt.parameterizations.trajectory import PolynomialTrajectory
 
 STEPS = 50
 PENALTIES = (1.0, 100.0)
-"""On half the squared excess of limits, relative to the limit, per second, times `SCALE`; in turns."""
+"""On half the squared excess of limits, relative to the limit, per second, times the mean squared torque limit; in turns."""
 GOAL = 1e6
 """On half the squared distance from the goal state."""
 PRECISION = 8.0
@@ -30,7 +30,7 @@ STOP = 0.1
 """FDDP: squared norm of the gradient at which a round ends; J is some hundreds."""
 ITERATIONS = 100
 QUADRATIC = 30
-"""Quadratic programs CSQP may solve, of 100 iterations each: a third of a second each."""
+"""Quadratic programs CSQP may solve, of 100 iterations each."""
 
 
 class Fddp(Rival):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +55,13 @@ def write_page(path: Path, results: dict, host: dict[str, Any]) -> None:
 
 
 def _markdown(results: dict, host: dict[str, Any]) -> str:
-    used = ", ".join(f"{name} {version}" for name, version in versions().items())
-    parts = [f"{host['cpu']}, {host['cores']} cores, load {host['load']:.1f} (of others too) at the end of the run; {used}.\n"]
+    used = ", ".join(f"{name} {version}" for name, version in (versions() | _rival_versions()).items())
+    parts = [f"{host['cpu']}, {host['cores']} cores, on which other programs ran too; {used}.\n"]
     for name, found in results["robots"].items():
-        parts.append(_pipes((f"{name}, {found['moves']} moves", *HEAD[1:]), _rows(found)) + f"\n{_verdict(found)}\n")
+        parts.append(
+            _pipes((f"{name}, {found['moves']} moves", *HEAD[1:]), _rows(found))
+            + f"\nAt a load of {found['load']:.1f}. {_verdict(found)}\n"
+        )
     parts.append("".join(f"- `{name}`: {rival(name).says}\n" for name in _names(results)))
     head, rows = _optima(results)
     if rows:
@@ -67,6 +72,15 @@ def _markdown(results: dict, host: dict[str, Any]) -> str:
     parts += ["".join(f"- {note}\n" for note in results["notes"])] if results["notes"] else []
     parts.append(_statement(results))
     return "\n".join(parts)
+
+
+def _rival_versions() -> dict[str, str]:
+    """Of the rivals that are installed."""
+    found = {}
+    for name in ("crocoddyl", "mim-solvers", "drake"):
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 def _statement(results: dict) -> str:

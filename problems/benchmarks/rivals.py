@@ -32,7 +32,7 @@ ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
 def main() -> int:
     made = parser("rivals", MEASURES)
-    made.add_argument("--robots", nargs="+", default=["panda", "ur5", "xarm7", "baxter"], metavar="NAME")
+    made.add_argument("--robots", nargs="*", default=["panda", "ur5", "xarm7", "baxter"], metavar="NAME")
     made.add_argument("--moves", type=int, default=3, metavar="N", help="random moves a robot")
     made.add_argument("--rivals", nargs="+", choices=RIVALS, default=list(RIVALS), metavar="NAME", help=", ".join(RIVALS))
     made.add_argument("--most-seconds", type=float, default=300.0, metavar="S", help="wall time for one rival on one robot")
@@ -42,8 +42,9 @@ def main() -> int:
     results = {name: _robot(name, parsed) for name in parsed.robots}
     notes = [note for found in results.values() for note in found.pop("notes")]
     for path in parsed.beside:
-        earlier = json.loads(path.read_text())["results"]
-        results, notes = earlier["robots"] | results, earlier["notes"] + notes
+        earlier = json.loads(path.read_text())
+        robots = {name: {"load": earlier["machine"]["load"]} | found for name, found in earlier["results"]["robots"].items()}
+        results, notes = results | robots, notes + earlier["results"]["notes"]
     results = {"robots": results, "notes": list(dict.fromkeys(notes))}
     if parsed.docs is not None:
         write_page(parsed.docs, results, machine())
@@ -65,7 +66,7 @@ def _robot(name: str, parsed) -> dict:
             notes.append(f"{key} on {name}: {fault}; {max(len(lines) - 1, 0)} of {parsed.moves} moves done")
         if len(lines) > 1:
             found[key] = {"prepare": lines[0]["prepare"], "moves": lines[1:]}
-    return {"rivals": found, "moves": parsed.moves, "notes": notes, **compare(found)}
+    return {"rivals": found, "moves": parsed.moves, "notes": notes, "load": machine()["load"], **compare(found)}
 
 
 def run_case(case: dict, most_seconds: float) -> tuple[list[dict], str]:
