@@ -46,6 +46,7 @@ _HOME = {
     "plan": "planning",
     "plan_each": "batch",
     "plan_many": "batch",
+    "plan_sequence": "sequence",
     "plan_robust": "robust",
     "plot_clearance": "plotting",
     "plot_energy": "plotting",
@@ -58,9 +59,12 @@ _HOME = {
     "retime": "retiming",
     "replay_trials": "robust",
     "robustness": "robust",
-    "sweep": "sweep",
+    "sensitivities": "sensitivity",
+    "sweep": "sweeping",
     "uniform_scaling": "timing",
     "validate": "validation",
+    "what_if": "whatif",
+    "what_if_problem": "whatif",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -133,7 +133,7 @@ def avoidance_of(problem: Problem) -> Avoidance | None:
     bound = [(frame, wall) for item in problem.workspace for frame in item.frames for wall in item.walls]
     if not (pairs or obstacles or whole or bound):
         return None
-    own = _sphere_arm(problem.robot, problem.attached, planned_pairs(problem))
+    own = _sphere_arm(problem.robot.geometry, problem.attached, planned_pairs(problem))
     arm = own.with_points(_points(problem.robot, [frame for frame, _ in bound]))
     everything = (*obstacles, *whole, *(wall for _, wall in bound))
     watched = np.zeros((len(arm.links), len(everything)), bool)
@@ -177,7 +177,7 @@ def unchecked(problem: Problem) -> str | None:
 
 
 def _pairs(robot: RobotModel, attached: Sequence) -> tuple:
-    return _pairs_of(robot, tuple(attached))
+    return _pairs_of(robot.geometry, tuple(attached))
 
 
 @lru_cache(maxsize=16)

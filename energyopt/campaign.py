@@ -32,7 +32,7 @@ from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
 from energyopt.refinement import bisected, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
-from energyopt.seeds import first_duration, goals, guesses
+from energyopt.seeds import first_durations, goals, guesses
 from energyopt.solvers import Outcome
 from energyopt.transcription import NonlinearProgram
 from energyopt.transcription.penalty import overlap
@@ -127,9 +127,8 @@ class Campaign:
     def run(self, starts: int | None) -> Search:
         """The best search, refined."""
         began = time.perf_counter()
+        self._choose_duration()
         targets = self._targets()
-        if self.durations is not None:
-            self.problem = self.problem.lasting(self._first_duration(targets[0]))
         self.avoidance = avoidance_of(self.problem)
         self.guess_s = time.perf_counter() - began
         source = self._timed(self._attempts(targets))
@@ -199,12 +198,10 @@ class Campaign:
 
     def resume(self, begun: Search) -> Search:
         """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
-        targets = self._targets()
-        if self.durations is not None:
-            low, high = self.durations
-            self.problem = self.problem.lasting(float(np.clip(begun.trajectory.duration, low, high)))
-        self.avoidance = avoidance_of(self.problem)
         self.given = begun.trajectory
+        self._choose_duration()
+        targets = self._targets()
+        self.avoidance = avoidance_of(self.problem)
         attempt = self._given(targets)
         search = begun.restarted(self.problem, self.options, self._relaxed(attempt), self.spent)
         search.durations = self.durations
@@ -216,10 +213,23 @@ class Campaign:
         search.harden(self._accuracy)
         return search
 
-    def _first_duration(self, goal: np.ndarray) -> float:
-        if self.given is None:
-            return first_duration(self.problem, self.durations, goal, self.kernels)
-        return float(np.clip(self.given.duration, *self.durations))
+    def _choose_duration(self) -> None:
+        """Where the duration is free, one to start from; at the goal, nothing that moves may be in the way then."""
+        if self.durations is None:
+            return
+        goal = self.problem.goal_position
+        if self.given is not None:
+            candidates = [float(np.clip(self.given.duration, *self.durations))]
+        else:
+            somewhere = goals(self.problem, self.seed)[0] if goal is None else goal
+            candidates = first_durations(self.problem, self.durations, somewhere, self.kernels).tolist()
+        moving = goal is not None and any(obstacle.moves for obstacle in self.problem.obstacles)
+        self.problem = self.problem.lasting(candidates[0])
+        for duration in candidates[1:] if moving else ():
+            try:
+                return check_ends(self.problem, goal)
+            except ProblemError:
+                self.problem = self.problem.lasting(duration)
 
     def _best(self, searches: list[Search]) -> Search:
         """Of the most promising searches, refined, the one of least J that holds; where none does, the least bad."""

@@ -185,7 +185,7 @@ def scene_of(
     attached: Sequence[Attached] = (),
 ) -> CollisionScene:
     """The `CollisionScene` of these, kept for the next call with the same objects."""
-    return _scene(robot, tuple(obstacles), tuple(map(tuple, self_pairs)), tuple(attached))
+    return _scene(robot.geometry, tuple(obstacles), tuple(map(tuple, self_pairs)), tuple(attached))
 
 
 @lru_cache(maxsize=8)

@@ -196,7 +196,7 @@ def _overrides(parsed: argparse.Namespace) -> dict:
 def _sweep(parsed: argparse.Namespace) -> int:
     from energyopt.io import load_task
     from energyopt.planning import DEFAULTS
-    from energyopt.sweep import sweep
+    from energyopt.sweeping import sweep
 
     problem, options = load_task(parsed.problem)
     known = {key: value for key, value in options.items() if key in (*DEFAULTS, "parameterization")}

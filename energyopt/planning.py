@@ -67,9 +67,9 @@ def plan(
         problem: what is asked.
         parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
         starts: initial guesses to try; the best verified motion is returned, and `Plan.optima` lists all they led to. By default
-            20 for splines where nothing stands around and kernels are compiled; otherwise 1, and one a goal configuration
-            (4 at most) where the goal is Cartesian. 1 is a single local search, from the straight motion. Further guesses are
-            tried where none of them leads to a valid motion.
+            20 for splines where nothing stands around and kernels are compiled; otherwise 1, another where obstacles make the
+            motion much dearer, and one a goal configuration (4 at most) where the goal is Cartesian. 1 is a single local search,
+            from the straight motion. Further guesses are tried where none of them leads to a valid motion.
         seed: of the random guesses.
         time_limit: seconds for all searches together; with many ``starts``, as many are tried as three fifths of it allow.
         guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and
@@ -135,7 +135,7 @@ def planned(
             if search is None:
                 raise
         with interrupted.held():
-            result = _finish(campaign, search, loaded, settings)
+            result = finished_plan(campaign, search, loaded, settings)
         if interrupted() and result.solved:
             result = replace(result, status=Status.INTERRUPTED, message=_SENTENCE[Status.INTERRUPTED])
     if callable(options.progress) and verbose is True:
@@ -143,7 +143,8 @@ def planned(
     return result, search
 
 
-def _finish(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+def finished_plan(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
+    """The plan of a search, with the verdict on its motion; ``settings``: the options that were used."""
     stopped = search.outcome is Outcome.INTERRUPTED
     violations = verify(search.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
     terms = cost(search.problem, search.trajectory)

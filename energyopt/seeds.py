@@ -38,8 +38,8 @@ def guesses(problem: Problem, targets: list[np.ndarray], seed: int) -> Iterator[
         k += 1
 
 
-def first_duration(problem: Problem, durations: tuple[float, float], goal: np.ndarray, kernels: Kernels) -> float:
-    """Where to start from if T is free [s]: the cheapest duration of the straight quintic that keeps to the limits, about.
+def first_durations(problem: Problem, durations: tuple[float, float], goal: np.ndarray, kernels: Kernels) -> np.ndarray:
+    """Where to start from if T is free [s]: durations of the straight quintic, the cheapest that keeps to the limits, about, first.
 
     On a motion run through e^θ times as fast derivatives of order o are e^{oθ} times as large.
     """
@@ -57,7 +57,7 @@ def first_duration(problem: Problem, durations: tuple[float, float], goal: np.nd
             np.max(speed * np.abs(v) / problem.limits.velocity), np.max(speed**2 * np.abs(a) / problem.limits.acceleration)
         )
         price.append(value * max(1.0, used) ** STEEP)
-    return float(candidates[int(np.argmin(price))])
+    return candidates[np.argsort(price, kind="stable")]
 
 
 def _bent(problem: Problem, goal: np.ndarray, rng: np.random.Generator) -> Trajectory:

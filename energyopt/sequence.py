@@ -28,7 +28,7 @@ from energyopt.planning import DEFAULTS, Parameterization, planned
 from energyopt.plans import Plan
 from energyopt.problem import FramePose, Problem
 from energyopt.problem_values import numbers, real, shown
-from energyopt.sweep import followed
+from energyopt.sweeping import followed
 
 SAME_PLACE = 1e-9
 """Difference [rad] between the goal of a move and the start of the next that is taken for rounding."""

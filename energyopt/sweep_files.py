@@ -10,7 +10,7 @@ from typing import Any
 
 from energyopt.io import write_atomic
 from energyopt.stopping import whole_files
-from energyopt.sweep import Sweep
+from energyopt.sweeping import Sweep
 from energyopt.sweep_text import sweep_rows
 from energyopt.versions import versions
 from energyopt.workflow import plain, prepare_folder

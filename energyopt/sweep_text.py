@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from energyopt.sweep import Sweep, SweepPoint
+    from energyopt.sweeping import Sweep, SweepPoint
 
 MEASURES = {
     "objective": "J",

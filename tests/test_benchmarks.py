@@ -19,9 +19,12 @@ SMALL = {
     "accuracy": ["--robot", "twodof", "--problems", "2", "--repeats", "1"],
     "kernels": ["--robots", "twodof", "--casadi", "twodof", "--repeats", "1", "--no-compilation"],
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
+    "moves": ["--robot", "twodof", "--problems", "2"],
     "savings": ["--robots", "twodof", "--problems", "2"],
+    "solvers": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
     "scaling": ["--robots", "twodof", "--base", "twodof", "--control-points", "8", "16", "--obstacles", "6", "--moves", "2"],
+    "what_if": ["--robots", "twodof", "--problems", "1"],
     "startup": ["--robot", "twodof", "--problems", "1", "--repeats", "1", "--no-figures"],
 }
 """Settings with which each suite takes a few seconds."""
@@ -62,6 +65,17 @@ def measured(tmp_path_factory):
 
 def spread(values):
     return values["lower"] <= values["median"] <= values["upper"] and all(map(math.isfinite, values.values()))
+
+
+def test_a_profile_takes_a_plan_apart_without_a_remainder(tmp_path):
+    command = [sys.executable, str(FOLDER / "speed.py"), "--profile", "--robot", "twodof", "--problems", "2"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    path = tmp_path / "profile.json"
+    done = subprocess.run([*command, "--json", str(path)], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    parts = json.loads(path.read_text())["results"]["parts"]
+    assert {"kernels", "assembly", "solver", "python", "plan"} == set(parts) and "IPOPT" in done.stdout
+    assert 0 < parts["kernels"]["median"] < parts["plan"]["median"] and parts["python"]["median"] > 0
 
 
 def test_every_suite_is_tested_small():
@@ -160,6 +174,34 @@ def test_savings_name_their_baselines(measured):
         ), name
 
 
+def test_random_moves_compare_at_the_asked_multiple_of_the_least_time(measured):
+    """The quintic of a move at 1.3 times its least time is too fast in mid-way, whatever limit made that time."""
+    printed, written = measured("moves")
+    results = written["results"]
+    assert results["solved"] == {"planned for J": 2, "planned for joules": 2} and results["compared"] == 2
+    assert results["broken"]["quintic"]["any"] == 2 and "breaks something in 2 of 2" in printed
+    for move in results["moves"]:
+        planned = {key: move[f"planned for {key}"] for key in ("J", "joules")}
+        assert not planned["J"]["broken"] and not planned["joules"]["broken"] and move["quintic"]["broken"] == ["velocity"]
+        assert all(move[kind]["electrical_J"] > 0.0 for kind in ("quintic", "trapezoidal"))
+    together = results["saved_percent"]["planned for J"]["quintic"]["mechanical_J"]["sum"]
+    ours, theirs = (sum(move[name]["mechanical_J"] for move in results["moves"]) for name in ("planned for J", "quintic"))
+    assert together == pytest.approx(100.0 - 100.0 * ours / theirs)
+    for by_kind in results["saved_percent"].values():
+        for by_key in by_kind.values():
+            assert all(spread(saved["all"]) and saved["sum"] < 100.0 for saved in by_key.values())
+
+
+def test_the_page_of_random_moves_says_what_its_joules_are(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import moves
+
+    page = moves.PAGE.read_text(encoding="utf-8").split(moves.BEGIN)[1].split(moves.END)[0]
+    text = " ".join(page.split())
+    assert "generic example drive, NOT of this arm" in text and all(word in text for word in moves.HEAD if "|" not in word)
+    assert page.count("\n| planned for") == 4 and "The quintic motion breaks something in" in text
+
+
 def test_clutter_is_judged_apart_from_its_planner(measured):
     """Two robots, one of them an arm of two; a goal inside a post counts for nothing."""
     printed, written = measured("mbm")
@@ -208,3 +250,11 @@ def test_the_command_line_knows_the_suites(capsys):
     assert main(["bench", "nonesuch"]) == 2
     listed = capsys.readouterr().err
     assert all(suite in listed for suite in SUITES) and "_shared" not in listed
+
+
+def test_what_if_compares_plans_that_are_solved(measured):
+    results = measured("what_if")[1]["results"]
+    assert results["all"]["runs"] == len(results["runs"]) == results["all"]["solved"] >= 6
+    assert spread(results["all"]["ratio"]) and spread(results["all"]["objective_ratio"])
+    for run in results["runs"]:
+        assert run["ratio"] == pytest.approx(run["seconds"] / run["cold_seconds"])

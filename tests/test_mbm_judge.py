@@ -1,5 +1,6 @@
 """The judge of the clutter benchmark sees what is wrong with a motion, and its shortcut misses nothing."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import energyopt as eo
+from energyopt.errors import InputError
 
 FOLDER = Path(__file__).resolve().parents[1] / "problems" / "benchmarks"
 sys.path.insert(0, str(FOLDER))
@@ -117,3 +119,26 @@ def test_a_robot_by_its_urdf_is_the_same_robot(tmp_path, turn):
     motion = quintic(problem, LONG)
     one, other = (j.judge(motion, order, LONG) for j in (judge, own))
     assert one.clearance == other.clearance and one.torque_squared == pytest.approx(other.torque_squared, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"robot": "fetch"}, "give its URDF: fetch=path"),
+        ({"frame": "nowhere"}, "no frame named 'nowhere'"),
+        ({"joint_names": ["a"] + mbm_files.UR5[1:]}, "no moving joint matches 'a'"),
+        ({"q_goal": [0.0, 1.0]}, "q_goal holds 2 numbers; expected 6"),
+        ({"q_goal": [float("nan")] + [0.0] * 5}, "a joint position is nan; expected finite numbers"),
+        ({"q_start": ["a"] + [0.0] * 5}, "a joint position is 'a'"),
+        ({"fixed_joints": []}, "fixed_joints is []; expected an object"),
+        ({"obstacles": "x"}, "obstacles is 'x'; expected a list"),
+        ({"obstacles": [{**mbm_files.POST, "type": "mesh"}]}, "'post' is a 'mesh'; expected box, cylinder or sphere"),
+        ({"obstacles": [{"name": "post", "type": "box"}]}, "an obstacle has no 'quat_wxyz'"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, changes, said):
+    mbm_files.write(tmp_path, mbm_files.ur5())
+    (tmp_path / "ur5.json").write_text(json.dumps([mbm_files.ur5(**changes)]))
+    with pytest.raises(InputError) as error:
+        list(read_mbm(tmp_path))
+    assert said in str(error.value) and "\n" not in str(error.value)

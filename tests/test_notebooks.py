@@ -12,7 +12,7 @@ nbclient = pytest.importorskip("nbclient")
 pytest.importorskip("ipykernel")
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-FIGURES = {"01_first_plan.ipynb": 2, "02_obstacles.ipynb": 5}
+FIGURES = {"01_first_plan.ipynb": 2, "02_obstacles.ipynb": 5, "03_paper.ipynb": 3}
 SECONDS = 120
 """For one cell; a whole notebook takes less than a minute on a free machine."""
 

@@ -5,6 +5,9 @@ the industrial robot Manutec r3", 1994 (20.404); V. Becerra, PSOPT examples (20.
 ∫ Σ uᵢ² dt with uᵢ = τᵢ/Fcᵢ over 0.53 s from rest at (0, −1.5, 0) to rest at (1, −1.95, 1), |u| ≤ 7.5, |q̇| ≤ (3, 1.5, 5.2).
 """
 
+import re
+from pathlib import Path
+
 import arms
 import numpy as np
 import pytest
@@ -80,3 +83,11 @@ def test_only_the_voltage_of_the_first_motor_is_at_its_limit(problem):
     voltage, speed = np.abs(plan.torque(t) / FORCE).max(axis=0), np.abs(plan.trajectory(t, 1)).max(axis=0)
     assert voltage[0] == pytest.approx(7.5, rel=1e-3) and np.all(voltage[1:] < 7.4)
     assert np.all(speed < 0.999 * SPEED)
+
+
+def test_the_page_of_published_values_shows_those_of_today(problem):
+    page = (Path(__file__).resolve().parents[1] / "docs" / "validation.md").read_text(encoding="utf-8")
+    shown = lambda word: [float(value) for value in re.search(rf"\| ([\d., ]+) by {word}", page)[1].split(", ")]
+    ways = [eo.BSpline(knots=end_graded(n), accuracy=None) for n in (8, 16, 32, 64)] + [eo.HermiteSimpson(120)]
+    found = [eo.plan(problem, way).objective for way in ways]
+    assert [*shown("splines"), *shown("Hermite–Simpson")] == pytest.approx(found, rel=1e-5)  # they have four decimals

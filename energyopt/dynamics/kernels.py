@@ -183,8 +183,7 @@ _LOADED: dict[str, Kernels] = {}
 
 def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
     """The kernels of an arm: compiled where possible, else interpreted (one notice in the log). Code is made once a process."""
-    structure = structure_of(dynamics)
-    theta = numbers_of(dynamics, structure)
+    structure, theta = _split(dynamics)
     if compiled:
         key = compiler.library_key(structure.digest, _generator_digest(), *_KERNEL_FLAGS, *_SAMPLE_FLAGS)
         if key not in _LOADED:
@@ -195,6 +194,13 @@ def kernels_of(dynamics: Dynamics, compiled: bool = True) -> Kernels:
 
         _LOADED[structure.digest] = InterpretedKernels(sample_graphs(structure), theta)
     return _LOADED[structure.digest].with_numbers(theta)
+
+
+@lru_cache(maxsize=64)
+def _split(dynamics: Dynamics) -> tuple[Structure, np.ndarray]:
+    """Structure and numbers of an arm."""
+    structure = structure_of(dynamics)
+    return structure, numbers_of(dynamics, structure)
 
 
 def _without_compiler(dynamics: Dynamics) -> Kernels:

@@ -158,9 +158,17 @@ class SplineSpace(MotionSpace):
 
     def interpolate(self, trajectory: Trajectory):
         """Interpolation at the Greville abscissae; reproduces every spline of this space."""
+        if isinstance(trajectory, SplineTrajectory) and self._contains(trajectory):
+            return trajectory.spline.c.copy()
         times = self.greville.clip(0.0, self.duration)
         values = trajectory(times * (trajectory.duration / self.duration))
         return make_interp_spline(times, values, self.degree, self.knots).c
+
+    def _contains(self, spline: SplineTrajectory) -> bool:
+        """Whether a spline has these knots, in its own duration."""
+        knots, share = spline.spline.t, self.duration / spline.duration
+        same = spline.degree == self.degree and len(knots) == len(self.knots)
+        return same and bool(np.allclose(knots * share, self.knots, rtol=0.0, atol=1e-13 * self.duration))
 
     @property
     def greville(self) -> np.ndarray:

@@ -13,7 +13,7 @@ from energyopt.sweep_text import known_measures
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from energyopt.sweep import Sweep
+    from energyopt.sweeping import Sweep
 
 _TITLES = {
     "objective": "Objective J",

@@ -57,6 +57,7 @@ class RobotModel:
         source: the URDF file the robot came from; relative mesh paths start there.
         srdf: semantic description (pairs of links that may touch), where one was found.
         actuators: the electric drives of the joints, where they are known.
+        like: a robot of the same bodies and joints, but of other masses or frictions: its geometry serves this one too.
     """
 
     name: str
@@ -70,6 +71,12 @@ class RobotModel:
     source: Path | None = None
     srdf: Path | None = None
     actuators: Actuators | None = None
+    like: RobotModel | None = field(default=None, repr=False)
+
+    @property
+    def geometry(self) -> RobotModel:
+        """The robot for which what follows from the geometry alone is prepared and kept."""
+        return self.like or self
 
     @property
     def model(self) -> pin.Model:
@@ -158,4 +165,4 @@ class RobotModel:
 
     def with_limits(self, **changes: np.ndarray) -> RobotModel:
         """The same robot with some fields of its `Limits` replaced."""
-        return replace(self, limits=replace(self.limits, **changes))
+        return replace(self, limits=replace(self.limits, **changes), like=None)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from energyopt.dynamics.body import Dynamics
 from energyopt.errors import RobotError
 from energyopt.robots import preparation
+from energyopt.robots.arguments import gravity_vector, non_negative
 from energyopt.robots.messages import as_numbers, shown
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
@@ -87,6 +88,34 @@ def vary(robot: RobotModel, variation: Variation) -> RobotModel:
     if variation.payload is not None:
         notes += (preparation.attach_payload(root, variation.payload, robot.tool_frame, robot.name),)
     return replace(robot, dynamics=dynamics, urdf=preparation.to_text(root), notes=notes)
+
+
+def with_numbers(
+    robot: RobotModel,
+    variation: Variation = Variation(),
+    armature: ArrayLike | None = None,
+    viscous_friction: ArrayLike | None = None,
+    coulomb_friction: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+) -> RobotModel:
+    """A robot with a variation, and with some numbers of its dynamics replaced; all as `load_robot` takes them.
+
+    What is prepared of the robot's geometry, and its compiled kernels, serve the new one too.
+
+    Raises:
+        RobotError: a number makes no sense.
+    """
+    given = {"armature": armature, "viscous_friction": viscous_friction, "coulomb_friction": coulomb_friction}
+    given = {key: non_negative(key, value, robot.joint_names, robot.name) for key, value in given.items() if value is not None}
+    if gravity is not None:
+        gravity = gravity_vector(gravity, robot.name)
+    varied = vary(robot, variation)
+    model, dynamics = varied.dynamics.model, varied.dynamics  # a model of its own: `varied_dynamics` copies it
+    if "armature" in given:
+        model.armature = given.pop("armature").copy()
+    if gravity is not None:
+        model.gravity = pin.Motion(gravity, np.zeros(3))
+    return replace(varied, dynamics=replace(dynamics, **given), like=robot.geometry)
 
 
 def payload_body(robot: RobotModel, payload: Payload) -> tuple[int, pin.Inertia]:

@@ -25,6 +25,8 @@ MOST_EQUALITIES = 32
 """Without exchanges of pivots digits are lost with each equality row: collocation, which has hundreds, is for IPOPT."""
 SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
+SWIFT = 1000
+"""Unknowns up to which an iteration takes a few milliseconds, where no Python runs in it."""
 WARM = 1e-3
 """Least initial barrier parameter. From good starts, given with smaller ones, steps with predictor and corrector lower it at
 their own pace, in fewer iterations than from below, where limits that cease to hold are left slowly."""
@@ -82,6 +84,8 @@ def solve(
         return None
     run = _Run(program, np.ascontiguousarray(x0, float), options, progress, stop)
     with stop.held() if isinstance(stop, Interrupts) else nullcontext():
+        if program.size <= SWIFT and hasattr(program.evaluator, "native"):
+            return run.result()  # looks at `stop` often enough by itself
         return unless_stopped(run.result, stop) or run.left()
 
 

@@ -23,7 +23,7 @@ def solve(
 ) -> SolverResult:
     """Minimise a program from ``x0``; ``stop`` ends the solve, with the iterate kept, within a tenth of a second.
 
-    ``progress`` is called in another thread, where ``stop`` is given; what it raises ends the solve, and is raised again.
+    ``progress`` may be called in another thread, where ``stop`` is given; what it raises ends the solve, and is raised again.
     """
     ours = interior.solve(program, x0, options, progress, stop)
     if ours is not None and (ours.outcome in _ENDS or ours.iterations >= options.iterations):

@@ -8,6 +8,7 @@ which blocks of unknowns each sample touches.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def make_layout(
     jacobian = _jacobian_pattern(linear, torque, local_block, nv)
     return Layout(
         nv, basis, column, unknowns, weight, *weights, linear, torque, *jacobian, demand, entry_demand,
-        *_hessian_pattern(local_block, unknowns.count, nv),
+        *_kept_pattern(local_block.astype(np.int64).tobytes(), local_block.shape, unknowns.count, nv),
     )  # fmt: skip
 
 
@@ -109,6 +110,12 @@ def _jacobian_pattern(linear: LinearRows, torque: TorqueRows, local_block: np.nd
     target = np.full(columns.shape, -1)
     target[there] = inverse[len(linear.value) :]
     return start, places % max(total, 1), constant, inverse[: len(linear.value)], target
+
+
+@lru_cache(maxsize=8)
+def _kept_pattern(local_block: bytes, shape: tuple[int, int], count: int, nv: int):
+    """`_hessian_pattern`, kept: programs of one space share it."""
+    return _hessian_pattern(np.frombuffer(local_block, np.int64).reshape(shape), count, nv)
 
 
 def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):

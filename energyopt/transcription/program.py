@@ -119,16 +119,17 @@ def transcribe(
         durations: where the duration is an unknown, its bounds [s]; otherwise it is that of the space.
     """
     ends = boundary_states(problem)
+    squares, costs, jerks, price = split_costs(problem)
     if problem.periodic:
         unknowns = space.closed_unknowns(problem.start)
         parts = np.stack([unknowns.offset, *np.zeros((2, *unknowns.offset.shape))])
     else:
-        unknowns, parts = space.unknowns(*ends), offset_parts(space, *ends)
+        unknowns = space.unknowns(*ends)
+        parts = offset_parts(space, *ends) if jerks or durations is not None else None
     cuts = cuts or Cuts()
     free = None if durations is None else parts
     linear = linear_rows(problem, space, unknowns, cuts.sample_rows(problem.robot.nv), free)
     torque = cuts.torque_rows(problem, len(space.quadrature()[1]))
-    squares, costs, jerks, price = split_costs(problem)
     layout = make_layout(space, unknowns, linear, torque, squares)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
     base = evaluator = make_evaluator(layout, kernels, costs)

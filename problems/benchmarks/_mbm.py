@@ -60,13 +60,43 @@ def read_mbm(folder: str | Path, urdfs: Mapping[str, str | Path] | None = None) 
             missing = [key for key in KEYS if key not in entry] if isinstance(entry, dict) else KEYS
             if missing:
                 raise FileError(f"{where}: '{missing[0]}' is missing; expected {', '.join(KEYS)}")
+            _check_kinds(entry, where)
             key = json.dumps([entry[name] for name in ("robot", "joint_names", "fixed_joints")])
             if key not in robots:
                 robots[key] = mbm_robot(entry["robot"], entry["joint_names"], entry["fixed_joints"], urdfs or {})
             try:
                 yield _problem(entry, robots[key])
-            except (KeyError, TypeError, ValueError) as error:
+            except KeyError as error:
+                raise FileError(
+                    f"{where}: an obstacle has no {error}; expected name, type, its sizes, xyz and quat_wxyz"
+                ) from None
+            except (TypeError, ValueError) as error:
                 raise FileError(f"{where}: {type(error).__name__}: {error}") from None
+
+
+def _check_kinds(entry: Mapping[str, Any], where: str) -> None:
+    """Refuse values of the wrong kind, and numbers that are none.
+
+    Raises:
+        FileError: says which.
+    """
+    kinds = {
+        "robot": str,
+        "frame": str,
+        "joint_names": list,
+        "fixed_joints": dict,
+        "obstacles": list,
+        "q_start": list,
+        "q_goal": list,
+    }
+    words = {str: "a text", list: "a list", dict: "an object of numbers by joint"}
+    for key, kind in kinds.items():
+        if not isinstance(entry[key], kind):
+            raise FileError(f"{where}: {key} is {entry[key]!r:.60}; expected {words[kind]}")
+    given = [*entry["q_start"], *entry["q_goal"], *entry["fixed_joints"].values()]
+    wrong = [value for value in given if not isinstance(value, int | float) or not np.isfinite(value)]
+    if wrong:
+        raise FileError(f"{where}: a joint position is {wrong[0]!r:.60}; expected finite numbers")
 
 
 def mbm_robot(name: str, joints: list[str], fixed: Mapping[str, float], urdfs: Mapping[str, str | Path]) -> RobotModel:
