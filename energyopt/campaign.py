@@ -174,9 +174,15 @@ class Campaign:
             if searches[-1].outcome in STOP:
                 return
             rest = wanted - len(searches)
-            if first and rest > 1 and rest * self.spent.solve_s / len(searches) > WORTH_PROCESSES:
+            if first and rest > 1 and self._ahead(rest) > WORTH_PROCESSES:
                 self._in_processes(islice(source, rest))
             first = False
+
+    def _ahead(self, rest: int) -> float:
+        """About how long so many further searches will take [s], as far as there is time."""
+        left = self.options.remaining()
+        seconds = rest * self.spent.solve_s / len(self.searches)
+        return seconds if left is None else min(seconds, GUESSING * left)
 
     def _enough(self) -> bool:
         """Whether so much of a time limit is over that the rest is better spent on refining."""

@@ -159,9 +159,7 @@ def _costs(leg: _Leg, kernels: Kernels, folds: np.ndarray, speed: float) -> np.n
     motion = leg.through(HOLD, np.zeros((len(HOLD), folds.shape[1])))
     t, weights = motion.quadrature(SAMPLES)
     moves = leg.weight(HOLD, t)
-    q, v, a = (
-        (speed**k * (motion(t, k) + moves[k][:, None] * folds[:, None])).reshape(-1, folds.shape[1]) for k in range(3)
-    )
+    q, v, a = ((speed**k * (motion(t, k) + moves[k][:, None] * folds[:, None])).reshape(-1, folds.shape[1]) for k in range(3))
     tau = kernels.torque(np.concatenate([q, v, a], axis=1))
     samples = Samples(q, v, a, np.zeros_like(a), tau)
     integrand = sum(term.weight * term.integrand(samples).value for term in problem.cost_terms)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,11 @@ class Optimum:
     seed: int
     trajectory: Trajectory
 
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Everything but the motion."""
+        return {key: getattr(self, key) for key in ("objective", "guess", "guesses", "seed")}
+
 
 def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
     """Optima among (J, name of the guess, motion), best first."""
@@ -55,8 +61,10 @@ def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple
 
 
 def described(optima: tuple[Optimum, ...], most: int = 6) -> str:
-    """Such as ``best of 20 guesses; 3 distinct optima, J on the first knots: 463 (4 guesses), 701 (15), 790 (1)``."""
+    """Such as ``2 distinct optima from 20 guesses that converged; J on the first knots (guesses): 463 (4), 701 (16)``."""
     guesses = sum(optimum.guesses for optimum in optima)
     shown = [f"{optimum.objective:.4g} ({optimum.guesses})" for optimum in optima[:most]] + ["…"] * (len(optima) > most)
     kinds = "1 optimum" if len(optima) == 1 else f"{len(optima)} distinct optima"
-    return f"{kinds} from {guesses} converged guesses; J on the first knots (guesses): {', '.join(shown)}"
+    return (
+        f"{kinds} from {guesses} guess{'es' * (guesses > 1)} that converged; J on the first knots (guesses): {', '.join(shown)}"
+    )

@@ -72,7 +72,7 @@ class Plan:
         seed: seed of the guess that led here.
         options: every option used (parameterisation and solver).
         notes: what the user should know, one sentence each.
-        optima: the distinct local optima that guesses led to, before refinement, best first; empty for a plan from a file.
+        optima: the distinct local optima that guesses led to, before refinement, best first.
     """
 
     problem: Problem
