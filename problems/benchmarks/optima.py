@@ -2,8 +2,8 @@
 
 Random rest-to-rest moves of several arms (self-collision included) are planned from one guess (the straight motion), from the
 default number of guesses, and from many with another seed. The least J of all three stands for the global optimum, which nobody
-knows; the gap is J over that, less one. Plans are refined as usual, to 1 % of J; J is that of numeric Pinocchio. Time is processor
-time of a whole `energyopt.plan`; plans of one problem follow each other.
+knows; the gap is J over that, less one. Plans are refined as usual, to 1 % of J, and J is that of numeric Pinocchio. Times are
+processor times of a whole `energyopt.plan`; plans of one problem follow each other.
 """
 
 from __future__ import annotations
@@ -131,8 +131,8 @@ def _rows(results: dict) -> list[tuple[str, ...]]:
 def _write(results: dict, parsed: argparse.Namespace) -> None:
     """The table and its caption into docs/benchmarks.md."""
     caption = (
-        f"Plans from {parsed.starts} guesses and from one, against the least J of these and of {parsed.many} guesses with another\n"
-        f"seed (`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times and numbers of optima: median (quartiles)."
+        f"Plans from {parsed.starts} guesses and from one, against the least J of these and of {parsed.many} guesses of another seed"
+        f"\n(`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
     )
     line = lambda cells: "| " + " | ".join(cells) + " |"
     block = "\n".join([caption, "", line(HEAD), "|---|" + "--:|" * (len(HEAD) - 1), *map(line, _rows(results))])
