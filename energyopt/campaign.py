@@ -240,14 +240,14 @@ class Campaign:
     def _best(self, searches: list[Search]) -> Search:
         """Of the most promising searches, refined, the one of least J that holds; where none does, the least bad."""
         ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
-        known = [any(_alike(search, other) for other in ranked[:k]) for k, search in enumerate(ranked)]
-        others = [search for k, search in enumerate(ranked) if not known[k]]
-        rivals = [s for s in others if _promising(s) and s.objective <= CLOSE * ranked[0].objective]
-        ranked = [*others, *(search for k, search in enumerate(ranked) if known[k])]
+        firsts = _first_of_each(ranked, searches)
+        most = CLOSE * ranked[0].objective
+        rivals = {id(search) for search in firsts if _promising(search) and search.objective <= most}
+        ranked = [*firsts, *(search for search in ranked if not any(search is first for first in firsts))]
         finished: list[Search] = []
         held: list[Search] = []
         for search in [*ranked[:MOST_FINISHED], *self.worse]:
-            if held and search not in rivals:
+            if held and id(search) not in rivals:
                 continue
             finished.append(self._refined(search))
             if finished[-1].outcome in STOP:
@@ -560,9 +560,16 @@ def _promising(search: Search) -> bool:
     return search.converged and search.depth <= DEEP
 
 
-def _alike(search: Search, other: Search) -> bool:
-    """Whether two searches ended in the same optimum."""
-    return abs(search.objective - other.objective) <= SAME * abs(search.objective)
+def _first_of_each(ranked: list[Search], searches: list[Search]) -> list[Search]:
+    """One search for each optimum, best first: of those that ended in it the earliest, so that chance does not choose."""
+    groups: list[list[Search]] = []
+    for search in ranked:
+        if groups and abs(search.objective - groups[-1][0].objective) <= SAME * abs(search.objective):
+            groups[-1].append(search)
+        else:
+            groups.append([search])
+    place = {id(search): k for k, search in enumerate(searches)}
+    return [min(group, key=lambda search: place[id(search)]) for group in groups]
 
 
 def _in_turn(sources: list[Iterator], targets: list[np.ndarray]) -> Iterator[tuple]:

@@ -25,7 +25,7 @@ class Optimum:
     Attributes:
         objective: J by the program's own quadrature on the knots that all guesses begin with, so that optima compare; only the
             best ones are refined, which lowers J by up to some 10 %.
-        guess: name of the guess that came closest to it; guesses: how many led there.
+        guess: name of the first guess that led to it; guesses: how many did.
         seed: of the guesses.
         trajectory: the motion on those knots.
     """
@@ -43,11 +43,11 @@ class Optimum:
 
 
 def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
-    """Optima among (J, name of the guess, motion), best first."""
+    """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first."""
     kept: list[tuple[float, str, Trajectory]] = []
     places: list[np.ndarray] = []
     counts: list[int] = []
-    for objective, name, motion in sorted(found, key=lambda item: item[:2]):
+    for objective, name, motion in found:
         place = motion(np.linspace(0.0, motion.duration, SAMPLES))
         for k, (other, _, _) in enumerate(kept):
             if abs(objective - other) <= SAME_OBJECTIVE * abs(other) and np.abs(place - places[k]).max() <= SAME_PLACE:
@@ -57,7 +57,8 @@ def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple
             kept.append((objective, name, motion))
             places.append(place)
             counts.append(1)
-    return tuple(Optimum(*item[:2], number, seed, item[2]) for item, number in zip(kept, counts, strict=True))
+    optima = [Optimum(*item[:2], number, seed, item[2]) for item, number in zip(kept, counts, strict=True)]
+    return tuple(sorted(optima, key=lambda optimum: optimum.objective))
 
 
 def described(optima: tuple[Optimum, ...], most: int = 6) -> str:

@@ -89,7 +89,7 @@ def test_motions_are_one_optimum_where_both_j_and_place_agree():
     found = [
         (2.0, "b", line(0.0)),
         (1.0, "a", line(0.0)),
-        (1.0005, "c", line(0.05)),
+        (0.9995, "c", line(0.05)),
         (1.0002, "d", line(3.0)),
         (2.1, "e", line(0.0)),
     ]

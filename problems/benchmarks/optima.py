@@ -57,7 +57,11 @@ def main() -> int:
 def _robot(name: str, parsed: argparse.Namespace) -> list[dict]:
     moves = random_moves(eo.load_robot(name), parsed.problems, parsed.seed, self_collision=True)
     eo.plan(moves[0], starts=1, throw=False)  # what is prepared once a robot is not counted
-    return [run for move in moves if (run := _run(move, name, parsed)) is not None]
+    runs = []
+    for number, move in enumerate(moves, start=1):
+        runs.append(_run(move, name, parsed))
+        print(f"{name}: {number} of {len(moves)} moves", file=sys.stderr)
+    return [run for run in runs if run is not None]
 
 
 def _run(move: eo.Problem, name: str, parsed: argparse.Namespace) -> dict | None:
@@ -131,7 +135,7 @@ def _rows(results: dict) -> list[tuple[str, ...]]:
 def _write(results: dict, parsed: argparse.Namespace) -> None:
     """The table and its caption into docs/benchmarks.md."""
     caption = (
-        f"Plans from {parsed.starts} guesses and from one, against the least J of these and of {parsed.many} guesses of another seed"
+        f"Plans from {parsed.starts} guesses and from one, against the least J of these and of {parsed.many} with another seed"
         f"\n(`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
     )
     line = lambda cells: "| " + " | ".join(cells) + " |"
