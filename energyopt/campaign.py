@@ -30,7 +30,7 @@ from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
 from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
-from energyopt.refinement import bisected, rough
+from energyopt.refinement import ALIKE, DOUBT, bisected, difference, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import first_durations, goals, guesses
 from energyopt.solvers import Outcome
@@ -214,8 +214,12 @@ class Campaign:
         self.searches.append(search)
         self.tried.append("the optimum before")
         self.current = search
-        if search.advance() and self._accuracy is not None:
-            search.reaches(self._accuracy)  # said, not acted upon: the knots stay
+        if search.resume() and self._accuracy is not None:
+            far, search.gain = difference(attempt.motion, search.trajectory), begun.gain  # what these knots were refined by
+            if begun.error is not None and far <= ALIKE:
+                search.error = begun.error * (1.0 + DOUBT * far)
+            else:
+                search.reaches(self._accuracy)
         search.harden(self._accuracy)
         return search
 

@@ -39,7 +39,7 @@ def guesses(problem: Problem, targets: list[np.ndarray], seed: int) -> Iterator[
 
 
 def first_durations(problem: Problem, durations: tuple[float, float], goal: np.ndarray, kernels: Kernels) -> np.ndarray:
-    """Where to start from if T is free [s]: durations of the straight quintic, the cheapest that keeps to the limits, about, first.
+    """Where to start from if T is free [s]: durations of the straight quintic, first the cheapest that keeps its limits, about.
 
     On a motion run through e^θ times as fast derivatives of order o are e^{oθ} times as large.
     """

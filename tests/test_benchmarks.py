@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mbm_files
@@ -19,6 +20,7 @@ SMALL = {
     "accuracy": ["--robot", "twodof", "--problems", "2", "--repeats", "1"],
     "kernels": ["--robots", "twodof", "--casadi", "twodof", "--repeats", "1", "--no-compilation"],
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
+    "rivals": ["--robots", "twodof", "--moves", "1", "--rivals", "quintic", "energyopt", "hermite_simpson", "textbook"],
     "moves": ["--robot", "twodof", "--problems", "2"],
     "optima": ["--robots", "twodof", "--problems", "2", "--many", "24"],
     "savings": ["--robots", "twodof", "--problems", "2"],
@@ -239,6 +241,85 @@ def test_clutter_that_is_not_there_is_named(tmp_path):
     assert done.returncode == 0 and "set ENERGYOPT_MBM" in done.stdout
     done = run(str(tmp_path))
     assert done.returncode == 2 and "holds no .json file" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_rivals_are_judged_alike(measured):
+    results = measured("rivals")[1]["results"]
+    found = results["robots"]["twodof"]
+    assert results["notes"] == [] and set(found["rivals"]) == {"quintic", "energyopt", "hermite_simpson", "textbook"}
+    runs = {name: entry["moves"][0] for name, entry in found["rivals"].items()}
+    for name in ("energyopt", "hermite_simpson"):
+        assert runs[name]["converged"] and runs[name]["valid"] and runs[name]["objective"] < runs["quintic"]["objective"]
+    assert found["best"]["twodof 0"] == min(run["objective"] for run in runs.values() if run["valid"])
+    against = found["against"]["energyopt"]
+    assert against["compared"] == 1 and len(against["ratios"]) == against["as_good"]
+
+
+def test_the_evaluator_of_rivals_agrees_with_the_dense_check(monkeypatch):
+    """The quintic's J by the evaluator's midpoint rule and by Gauss quadrature; ∫Σq̇² in closed form, 10 |Δ|²/7T."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from _rivals_judge import judge
+    from _shared import random_moves
+
+    from energyopt.verification import cost
+
+    move = random_moves(eo.load_robot("panda"), 1, 3)[0]
+    quintic = eo.baseline(move, "quintic")
+    found, terms = judge(move, quintic), cost(move, quintic)
+    assert found.objective == pytest.approx(sum(terms.values()), rel=1e-5), "midpoint rule, error of second order"
+    way = move.goal - move.start
+    light = replace(move, torque_weights=0.0, velocity_weight=1.0)
+    assert judge(light, quintic).objective == pytest.approx(10 / 7 * way @ way / move.duration, rel=1e-5)
+    assert found.valid and found.velocity == found.position == 0.0 and found.miss < 1e-12
+    peak = max(15 / 8 * abs(way) / move.duration)
+    slow = replace(move, velocity_limits=peak / 1.25)
+    assert judge(slow, quintic).velocity == pytest.approx(0.25, rel=1e-4) and not judge(slow, quintic).valid
+    elsewhere = replace(move, goal=move.goal + 0.01)
+    assert judge(elsewhere, quintic).miss == pytest.approx(0.01) and not judge(elsewhere, quintic).valid
+
+
+def test_a_missing_rival_is_skipped_with_a_note(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import argparse
+
+    import _rival_crocoddyl
+    from rivals import _robot, text
+
+    monkeypatch.setattr(_rival_crocoddyl.Fddp, "requires", ("no_such_package",))
+    parsed = argparse.Namespace(rivals=["crocoddyl"], moves=1, seed=0, most_seconds=60.0)
+    found = _robot("twodof", parsed)
+    (note,) = found.pop("notes")
+    assert "crocoddyl is skipped: no_such_package not installed" in note and found["rivals"] == {}
+    assert note in text({"robots": {"twodof": found}, "notes": [note]})
+
+
+def test_the_fastest_rival_counts_only_where_it_is_as_good(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from rivals import compare
+
+    run = lambda objective, seconds, valid=True: {
+        "move": "m", "objective": objective, "seconds": seconds, "valid": valid, "build": 0.0,
+        "converged": True, "violation": 0.0,
+    }  # fmt: skip
+    found = {name: {"moves": [one]} for name, one in {
+        "energyopt": run(100.4, 0.1), "hermite_simpson": run(100.0, 2.0), "crocoddyl": run(100.3, 1.5),
+        "textbook": run(103.0, 0.2), "drake": run(90.0, 0.3, valid=False), "quintic": run(99.0, 1e-4),
+    }.items()}  # fmt: skip
+    assert compare(found)["against"]["energyopt"] == {"compared": 1, "as_good": 1, "ratios": [15.0], "ratio": 15.0}
+    found["energyopt"]["moves"][0]["objective"] = 100.6
+    assert compare(found)["against"]["energyopt"] == {"compared": 1, "as_good": 0, "ratios": [], "ratio": None}
+
+
+def test_the_tables_of_rivals_are_written_between_markers(measured, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from _rivals_text import BEGIN, END, write_page
+
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    write_page(page, measured("rivals")[1]["results"], {"cpu": "some CPU", "cores": 2, "load": 1.0})
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
+    assert "some CPU, 2 cores" in text and "At a load of " in text and "| energyopt |" in text
 
 
 def test_random_moves_are_seeded_and_stay_off_the_limits(monkeypatch):

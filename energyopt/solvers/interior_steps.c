@@ -160,7 +160,7 @@ static int search(Interior *I, double tau) {
   for (int first = 1; alpha >= least; alpha *= 0.5, first = 0) {
     if (!evaluate_trial(I, I->dw, alpha, &f, &new_theta, &new_phi)) continue;
     int verdict = acceptable(I, alpha, slope, theta, phi, new_theta, new_phi);
-    if (!verdict && first && new_theta >= theta && I->m) verdict = correct(I, alpha, tau, slope, theta, phi, &f);
+    if (!verdict && first && new_theta >= theta && new_theta > I->o.violation) verdict = correct(I, alpha, tau, slope, theta, phi, &f);
     if (!verdict) continue;
     if (verdict == 1) augment(I, theta, phi);
     memcpy(I->w, I->trial, I->N * sizeof(double)), memcpy(I->g, I->trial_g, I->m * sizeof(double));

@@ -75,7 +75,10 @@ class Solved:
 
 
 class Textbook:
-    """A problem in one variant, ready to be solved repeatedly; ``build_s`` is what CasADi took to differentiate it."""
+    """A problem in one variant, ready to be solved repeatedly; ``build_s`` is what CasADi took to differentiate it.
+
+    ``motion`` is what the last solve found.
+    """
 
     def __init__(self, problem: Problem, space: SplineSpace, variant: Variant):
         kernels, guess = kernels_of(problem.robot.dynamics), next(guesses(problem, goals(problem, 0), 0))
@@ -104,8 +107,8 @@ class Textbook:
         result = self._solver(**self._arguments)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         stats = self._solver.stats()
-        motion = self._program.trajectory(np.array(result["x"]).ravel())
-        return Solved(wall, cpu, stats["iter_count"], sum(cost(self._problem, motion).values()), bool(stats["success"]))
+        self.motion = self._program.trajectory(np.array(result["x"]).ravel())
+        return Solved(wall, cpu, stats["iter_count"], sum(cost(self._problem, self.motion).values()), bool(stats["success"]))
 
 
 def _graph(problem: Problem, program: NonlinearProgram) -> tuple[ca.MX, ca.MX, ca.MX]:

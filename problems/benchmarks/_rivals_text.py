@@ -1,0 +1,142 @@
+"""The tables of `rivals.py`: as text, as goals, and in the documentation."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from _rivals_case import rival
+from _shared import Goal, table
+
+from energyopt.io import write_atomic
+from energyopt.versions import versions
+
+BEGIN, END = "<!-- rivals: begin (written by problems/benchmarks/rivals.py --docs) -->", "<!-- rivals: end -->"
+FASTER = 15.0
+DIFFERENT = 1.05
+"""J over the lowest from which two motions of one move are held to be different optima."""
+HEAD = ("", "solve [s]", "before [s]", "once [s]", "J", "J / best", "converged", "held", "worst violation")
+
+
+def text(results: dict) -> str:
+    parts = []
+    for name, found in results["robots"].items():
+        parts.append(table((f"{name}, {found['moves']} moves", *HEAD[1:]), _rows(found)))
+        parts.append(f"  {_verdict(found)}\n\n")
+    parts += [f"  {name}: {rival(name).says}\n" for name in _names(results)]
+    head, rows = _optima(results)
+    parts += ["\n", table(head, rows)] if rows else []
+    return "".join([*parts, *(f"  {note}\n" for note in results["notes"])])
+
+
+def goals(results: dict) -> list[Goal]:
+    """Less time than the fastest rival of the best rival's quality, on every robot; a robot that cannot be compared has none."""
+    made = []
+    for name, found in results["robots"].items():
+        for key, against in found["against"].items():
+            if against["compared"]:
+                share = 100.0 * against["as_good"] / against["compared"]
+                made.append(Goal(f"{name}: moves on which {key} is as good as the best rival", share, 100.0, "%", least=True))
+            if against["ratio"] is not None:
+                what = f"{name}: times less than the fastest rival of that quality, {key}"
+                made.append(Goal(what, against["ratio"], FASTER, "×", least=True))
+    return made
+
+
+def write_page(path: Path, results: dict, host: dict[str, Any]) -> None:
+    """Replace what stands between the markers of a Markdown page."""
+    page = path.read_text(encoding="utf-8")
+    if BEGIN not in page or END not in page:
+        raise SystemExit(f"{path}: the markers are missing; expected '{BEGIN}' and '{END}'")
+    before, after = page.split(BEGIN)[0], page.split(END)[1]
+    write_atomic(path, f"{before}{BEGIN}\n{_markdown(results, host)}{END}{after}".encode())
+
+
+def _markdown(results: dict, host: dict[str, Any]) -> str:
+    used = ", ".join(f"{name} {version}" for name, version in (versions() | _rival_versions()).items())
+    parts = [f"{host['cpu']}, {host['cores']} cores, on which other programs ran too; {used}.\n"]
+    for name, found in results["robots"].items():
+        parts.append(
+            _pipes((f"{name}, {found['moves']} moves", *HEAD[1:]), _rows(found))
+            + f"\nAt a load of {found['load']:.1f}. {_verdict(found)}\n"
+        )
+    parts.append("".join(f"- `{name}`: {rival(name).says}\n" for name in _names(results)))
+    head, rows = _optima(results)
+    if rows:
+        parts.append(
+            f"Moves on which the motions found are different optima (the highest J {DIFFERENT:g} times the lowest or more):\n"
+        )
+        parts.append(_pipes(head, rows))
+    parts += ["".join(f"- {note}\n" for note in results["notes"])] if results["notes"] else []
+    parts.append(_statement(results))
+    return "\n".join(parts)
+
+
+def _rival_versions() -> dict[str, str]:
+    """Of the rivals that are installed."""
+    found = {}
+    for name in ("crocoddyl", "mim-solvers", "drake"):
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def _statement(results: dict) -> str:
+    met = {goal.what: goal.met for goal in goals(results)}
+    missed = [what for what, held in met.items() if not held]
+    aim = f"The goal, {FASTER:g} times less on every robot at a J at most 0.5 % above the best rival's,"
+    return f"{aim} " + ("is met.\n" if met and not missed else f"is NOT met: {'; '.join(missed) or 'nothing was compared'}.\n")
+
+
+def _rows(found: dict) -> list[tuple]:
+    rows = []
+    for name, entry in found["rivals"].items():
+        count, ratio = len(entry["moves"]), entry["objective_over_best"]
+        seconds = f"{entry['seconds']:.3f}", f"{entry['build']:.2f}", f"{entry['prepare']:.1f}"
+        quality = f"{entry['objective']:.1f}", "–" if ratio is None else f"{ratio:.3f}"
+        shares = f"{entry['converged']} of {count}", f"{entry['valid']} of {count}"
+        rows.append((name, *seconds, *quality, *shares, f"{100 * entry['violation']:.2g} %"))
+    return rows
+
+
+def _verdict(found: dict) -> str:
+    said = []
+    for key, against in found["against"].items():
+        good = f"as good as the best rival (or better) on {against['as_good']} of {against['compared']} moves"
+        ratio = against["ratio"]
+        faster = (
+            "" if ratio is None else f", there in {ratio:.1f} times less processor time than the fastest rival of that quality"
+        )
+        said.append(f"{key}: {good}{faster}")
+    return "; ".join(said) + "."
+
+
+def _optima(results: dict) -> tuple[tuple, list[tuple]]:
+    """Head and rows of J by rival on the moves where those that hold the limits differ."""
+    names, rows = [name for name in _names(results) if name != "quintic"], []
+    for found in results["robots"].values():
+        for move in found["best"]:
+            runs = {name: run for name, entry in found["rivals"].items() for run in entry["moves"] if run["move"] == move}
+            values = [run["objective"] for name, run in runs.items() if run["valid"] and name != "quintic"]
+            if len(values) > 1 and max(values) > DIFFERENT * min(values):
+                rows.append((move, *(_shown(runs.get(name)) for name in names)))
+    return ("J of", *names), rows
+
+
+def _shown(run: dict | None) -> str:
+    """J, in brackets where limits are broken."""
+    if run is None:
+        return "–"
+    return f"{run['objective']:.1f}" if run["valid"] else f"({run['objective']:.1f})"
+
+
+def _names(results: dict) -> list[str]:
+    """All that ran anywhere, in order."""
+    return list(dict.fromkeys(name for found in results["robots"].values() for name in found["rivals"]))
+
+
+def _pipes(head: tuple, rows: list[tuple]) -> str:
+    lines = [head, ("---", *["--:"] * (len(head) - 1)), *rows]
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)

@@ -1,0 +1,132 @@
+"""energyopt against other ways to plan the same motions: same moves, same machine, same run, same evaluator.
+
+Moves are those of all suites (`random_moves`): rest to rest, limits on position, velocity and torque, no self-collision, which
+the rivals do not know. Each rival plans on its own terms, from the same guess (the quintic), in a process of its own for each
+robot, on one thread, one process after the other; what it gives is judged by `_rivals_judge.py`. Seconds are processor time of
+the solver call; compilation, differentiation and building are stated apart. A rival that is not installed is skipped with a note,
+one that takes longer than `--most-seconds` on a robot is ended, and what it finished counts.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from _rival import missing
+from _rivals_case import RIVALS, rival
+from _rivals_text import goals, text, write_page
+from _shared import Report, machine, parser, publish, settings
+
+MEASURES = "processor seconds, J and held limits of energyopt and of other ways to plan, on the same random moves"
+OURS = ("energyopt", "energyopt_tighter")
+NO_RIVAL = ("quintic", *OURS)
+QUALITY = 1.005
+"""J over the best rival's up to which a motion counts as one of that quality."""
+FOLDER = Path(__file__).resolve().parent
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+
+
+def main() -> int:
+    made = parser("rivals", MEASURES)
+    made.add_argument("--robots", nargs="*", default=["panda", "ur5", "xarm7", "baxter"], metavar="NAME")
+    made.add_argument("--moves", type=int, default=3, metavar="N", help="random moves a robot")
+    made.add_argument("--rivals", nargs="+", choices=RIVALS, default=list(RIVALS), metavar="NAME", help=", ".join(RIVALS))
+    made.add_argument("--most-seconds", type=float, default=300.0, metavar="S", help="wall time for one rival on one robot")
+    made.add_argument("--docs", type=Path, metavar="FILE", help="write the tables there too, between the markers")
+    made.add_argument("--beside", type=Path, nargs="*", default=[], metavar="FILE", help="add robots of earlier runs (--json)")
+    parsed = made.parse_args()
+    results = {name: _robot(name, parsed) for name in parsed.robots}
+    notes = [note for found in results.values() for note in found.pop("notes")]
+    for path in parsed.beside:
+        earlier = json.loads(path.read_text())
+        robots = {name: {"load": earlier["machine"]["load"]} | found for name, found in earlier["results"]["robots"].items()}
+        results, notes = results | robots, notes + earlier["results"]["notes"]
+    results = {"robots": results, "notes": list(dict.fromkeys(notes))}
+    if parsed.docs is not None:
+        write_page(parsed.docs, results, machine())
+    chosen = {key: value for key, value in settings(parsed).items() if key not in ("docs", "beside")}
+    return publish(Report("rivals", MEASURES, chosen, results, text(results), goals(results)), parsed.json)
+
+
+def _robot(name: str, parsed) -> dict:
+    """All rivals on one robot, and what follows."""
+    found, notes = {}, []
+    for key in parsed.rivals:
+        lacking = missing(rival(key))
+        if lacking:
+            notes.append(f"{key} is skipped: {', '.join(lacking)} not installed (pip install 'energyopt[rivals]')")
+            continue
+        print(f"  {name}: {key}", file=sys.stderr, flush=True)
+        lines, fault = run_case({"rival": key, "robot": name, "moves": parsed.moves, "seed": parsed.seed}, parsed.most_seconds)
+        if fault:
+            notes.append(f"{key} on {name}: {fault}; {max(len(lines) - 1, 0)} of {parsed.moves} moves done")
+        if len(lines) > 1:
+            found[key] = {"prepare": lines[0]["prepare"], "moves": lines[1:]}
+    return {"rivals": found, "moves": parsed.moves, "notes": notes, "load": machine()["load"], **compare(found)}
+
+
+def run_case(case: dict, most_seconds: float) -> tuple[list[dict], str]:
+    """The lines a case printed, and what went wrong, or ""."""
+    command = [sys.executable, str(FOLDER / "_rivals_case.py"), json.dumps(case)]
+    path = os.pathsep.join([str(FOLDER.parents[1]), os.environ.get("PYTHONPATH", "")])
+    environment, fault = os.environ | ONE_THREAD | {"PYTHONPATH": path}, ""
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=most_seconds, check=False)
+        printed = done.stdout
+        if done.returncode:
+            last = done.stderr.strip().splitlines()[-1:] or [""]
+            fault = f"ended with code {done.returncode} ({last[0][:120]})"
+    except subprocess.TimeoutExpired as late:
+        printed, fault = (late.stdout or b"").decode(), f"ended after {most_seconds:g} s"
+    return [json.loads(line) for line in printed.splitlines() if line.startswith("{") and line.endswith("}")], fault
+
+
+def compare(found: dict) -> dict:
+    """For each rival its medians; for each of ours the ratio to the fastest rival of the best rival's quality.
+
+    A move counts for the ratio where a rival's motion and ours hold all limits and our J is at most
+    `QUALITY` of the best rival's.
+    """
+    moves = sorted({run["move"] for entry in found.values() for run in entry["moves"]})
+    by_move = {m: {key: run for key, entry in found.items() for run in entry["moves"] if run["move"] == m} for m in moves}
+    best = {m: min((run["objective"] for run in runs.values() if run["valid"]), default=None) for m, runs in by_move.items()}
+    for entry in found.values():
+        entry |= _medians(entry["moves"], best)
+    return {"best": best, "against": {key: _against(key, by_move) for key in OURS if key in found}}
+
+
+def _medians(runs: list[dict], best: dict) -> dict:
+    ratio = [run["objective"] / best[run["move"]] for run in runs if best[run["move"]]]
+    return {
+        "seconds": float(np.median([run["seconds"] for run in runs])),
+        "build": float(np.median([run["build"] for run in runs])),
+        "objective": float(np.median([run["objective"] for run in runs])),
+        "objective_over_best": float(np.median(ratio)) if ratio else None,
+        "converged": sum(run["converged"] for run in runs),
+        "valid": sum(run["valid"] for run in runs),
+        "violation": max(run["violation"] for run in runs),
+    }
+
+
+def _against(key: str, by_move: dict) -> dict:
+    """Moves on which we are as good as the best rival, and by how much faster than the fastest rival of that quality."""
+    ratios, lower, compared = [], 0, 0
+    for runs in by_move.values():
+        rivals = [run for name, run in runs.items() if name not in NO_RIVAL and run["valid"]]
+        if not rivals or key not in runs:
+            continue
+        compared, least = compared + 1, min(run["objective"] for run in rivals)
+        ours = runs[key]
+        if ours["valid"] and ours["objective"] <= QUALITY * least:
+            lower += 1
+            fast = min(run["seconds"] for run in rivals if run["objective"] <= QUALITY * least)
+            ratios.append(fast / ours["seconds"])
+    return {"compared": compared, "as_good": lower, "ratios": ratios, "ratio": float(np.median(ratios)) if ratios else None}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
