@@ -17,7 +17,7 @@ from energyopt.problem import FramePose, Problem
 SPREAD = 0.25
 """Standard deviation of a random via point, as a share of each joint's range (2π at most)."""
 
-CANDIDATES, SAMPLES, STEEP = 40, 30, 6
+CANDIDATES, SAMPLES, STEEP = 16, 12, 6
 """Durations that are compared, samples of the motion, and the power by which one that breaks a limit is dearer."""
 
 

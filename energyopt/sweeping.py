@@ -38,7 +38,7 @@ MOST_DURATIONS = 1000
 WORTH_CARRYING = 0.01
 """Share of J that a neighbour's motion has to promise before a duration is solved again, and to give to be taken."""
 OTHER_BRANCH = 0.08
-"""Share of J by which a longer motion has to be cheaper than a slowed one, to be another optimum and not the same one better adapted."""
+"""Share of J by which a longer motion has to be cheaper than a slowed one, to be another optimum."""
 SAMPLES = 400
 """Samples of a motion for its measures of energy."""
 ENOUGH = 1.5
