@@ -28,7 +28,7 @@ class Ours(Rival):
     def prepare(self, robot):
         """Compile the kernels, and plan a small move so that all is loaded."""
         kernels_of(robot.dynamics)
-        small = eo.Problem(robot, robot.home, robot.home + 0.05, 1.0, self_collision=False)
+        small = eo.Problem(robot, robot.home, robot.home + 0.05, 1.0, self_collision=False, torque_limits=1e4)
         eo.plan(small, eo.BSpline(control_points=8, accuracy=None), throw=False)
 
     def solve(self, problem):
