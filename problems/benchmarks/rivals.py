@@ -48,7 +48,9 @@ def main() -> int:
             found = {"load": earlier["machine"]["load"], **found}
             rivals = found["rivals"] | results.get(name, {"rivals": {}})["rivals"]
             results[name] = found | {"rivals": {key: rivals[key] for key in RIVALS if key in rivals}} | compare(rivals)
-    results = {"robots": results, "notes": list(dict.fromkeys(notes))}
+    done = [f"{key} on {n}: " for n, r in results.items() for key, e in r["rivals"].items() if len(e["moves"]) == r["moves"]]
+    notes = [note for note in dict.fromkeys(notes) if not note.startswith(tuple(done))]
+    results = {"robots": results, "notes": notes}
     if parsed.docs is not None:
         write_page(parsed.docs, results, machine())
     chosen = {key: value for key, value in settings(parsed).items() if key not in ("docs", "beside")}
