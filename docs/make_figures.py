@@ -1,6 +1,7 @@
 """Make the figures and the table of savings that README.md and docs/ show:  python docs/make_figures.py
 
 docs/figures/panda_reach.png, panda_reach_joints.png   from problems/panda_reach.toml
+docs/figures/sweep.png                                 cost over the duration of problems/ur5_pick.toml
 docs/figures/time.png                                  J over the duration of one straight motion
 the table in README.md between the lines "savings: begin" and "savings: end"   from every problem in problems/
 """
@@ -59,6 +60,12 @@ def draw_time() -> None:
     figure.savefig(HERE / "figures" / "time.png", dpi=150, metadata={"Software": None})
 
 
+def draw_sweep() -> None:
+    """The energy–time curve of a pick."""
+    curve = eo.sweep(eo.load_problem("ur5_pick"), np.linspace(0.9, 3.0, 20))
+    eo.plot_sweep(curve).savefig(HERE / "figures" / "sweep.png", dpi=150, metadata={"Software": None})
+
+
 def savings_table(names: tuple[str, ...]) -> str:
     """One row a problem: by how many per cent J is below each baseline's, the mechanical energy, whether anything touches."""
     lines = [
@@ -94,4 +101,5 @@ def replace_table(path: Path, table: str) -> None:
 if __name__ == "__main__":
     draw()
     draw_time()
+    draw_sweep()
     replace_table(README, savings_table(catalogue_problems()))

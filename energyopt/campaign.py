@@ -1,8 +1,9 @@
 """A campaign: all guesses and searches that one call of `plan` makes.
 
-Where nothing but the arm itself is in the way, guesses are the straight quintic and motions bent at random. Among obstacles they
-come from `pathfinding`: the straight one even where it is not free, since a penalty mostly pushes it out, and then free ones.
-Of all motions that hold, the one of least J is refined.
+Where nothing but the arm itself is in the way, guesses are the straight quintic, motions that differ from it (`diversity`), and
+at last changed copies of the best optima found by then. Among obstacles they come from `pathfinding`: the straight one even where
+it is not free, since a penalty mostly pushes it out, and then free ones. The searches of least J are refined, and of those that
+hold the best is taken.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ import numpy as np
 
 from energyopt.avoidance import Avoidance, arm_obstacles, avoidance_of, bound_frames, planned_pairs
 from energyopt.clearance_checks import check_ends
+from energyopt.diversity import Guess, diverse, hops
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.errors import ProblemError
 from energyopt.feasibility import check_feasibility
+from energyopt.optima import Optimum, distinct
 from energyopt.parameterizations import BSpline, HermiteSimpson, MotionSpace, Sinusoid
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
@@ -27,22 +30,35 @@ from energyopt.pathfinding import Budget, FreeSpace
 from energyopt.pathfinding import guesses as clear_guesses
 from energyopt.plans import Violations
 from energyopt.problem import FramePose, Problem
-from energyopt.refinement import bisected, rough
+from energyopt.refinement import ALIKE, DOUBT, bisected, difference, rough
 from energyopt.search import DEEP, Search, SearchOptions, Spent
 from energyopt.seeds import first_durations, goals, guesses
 from energyopt.solvers import Outcome
+from energyopt.transcription import NonlinearProgram
 from energyopt.transcription.penalty import overlap
 from energyopt.verification import is_valid, verify
 from energyopt.workers import call_all
 
 Parameterization = BSpline | Sinusoid | HermiteSimpson
 
+STARTS = 20
+"""Guesses by default, where a search takes milliseconds: splines, compiled kernels, and no obstacles. How often that is enough is
+measured by `problems/benchmarks/optima.py`."""
+HOPS = 0.25
+"""Share of the guesses that are changed copies of the best optima the others have led to."""
+LEAST_HOPS = 2
+PATIENCE = 100
+"""Solver iterations after which one of many guesses is hopeless: nearly all optima are found in 20 to 60. (J of a search in
+progress tells little: giving up at iteration 20 what is above the first optimum saves 7 % of all iterations at most, at iteration
+10 a quarter, and with them one in ten of the better optima.)"""
+GUESSING = 0.6
+"""Share of a time limit for guesses, once one has led to an optimum; the rest is for refining."""
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
 MOST_FINISHED = 3
 """Searches that are refined, one after another, until one holds."""
-CLOSE, SAME = 1.1, 1e-4
-"""Searches whose first level ends within 10 % of the best are refined as well, unless they ended in the same optimum."""
+CLOSE, SAME = 1.05, 1e-4
+"""Searches whose first level ends within 5 % of the best are refined as well, unless they ended in the same optimum."""
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
 MOST_LEVELS = 12
@@ -103,6 +119,10 @@ class Campaign:
     unaware: list[Search] = field(default_factory=list)
     free_guess: Attempt | None = None
     current: Search | None = None
+    optima: tuple[Optimum, ...] = ()
+    began: float = field(default_factory=time.monotonic)
+    _first_space: MotionSpace | None = None
+    _program: NonlinearProgram | None = None
 
     def run(self, starts: int | None) -> Search:
         """The best search, refined."""
@@ -112,26 +132,75 @@ class Campaign:
         self.avoidance = avoidance_of(self.problem)
         self.guess_s = time.perf_counter() - began
         source = self._timed(self._attempts(targets))
-        wanted, searches = starts or (len(targets) if self.given is None else 1), self.searches
-        if self.given is None and (self.problem.obstacles or self.problem.workspace):
+        wanted, searches = starts or self._starts(targets), self.searches
+        hopping = int(HOPS * wanted) if self._plain and self.given is None else 0
+        if self.given is None and not self._plain:
             self._try_unaware(targets)
-        while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not any(map(_promising, searches))):
-            searches.append(self._searched(self._space(), next(source)))
-            if searches[-1].outcome in STOP:
-                break
-            rest = wanted - len(searches)
-            if len(searches) == 1 and rest > 1 and rest * self.spent.solve_s > WORTH_PROCESSES:
-                self._in_processes(islice(source, rest))
+        self._search_all(source, wanted - hopping if hopping >= LEAST_HOPS else wanted)
+        if hopping >= LEAST_HOPS and any(map(_promising, searches)) and searches[-1].outcome not in STOP:
+            self._search_all(self._timed(self._hops(targets)), wanted)
         if not (self.free_guess is None or any(map(_promising, searches)) or searches[-1].outcome in STOP):
             firmer = replace(self.free_guess, name=f"{self.free_guess.name}, firmer")
             searches.append(self._searched(self._space(), firmer, firm=FIRMEST))
         if starts is None and len(searches) == 1:
             self._look_further(source, targets)
+        promising = [search for search in searches if _promising(search)]
+        self.optima = distinct([(s.objective, s.name, s.trajectory) for s in promising], self.seed)
         if searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if all(search.outcome is Outcome.INFEASIBLE for search in searches):
             searches += self._on_finer_knots(next(self._attempts(targets)))
         return self._best(searches)
+
+    def _starts(self, targets: list[np.ndarray]) -> int:
+        """How many guesses are tried by default."""
+        if self.given is not None:
+            return 1
+        cheap = self._plain and isinstance(self.parameterization, BSpline) and self.kernels.kind == "compiled"
+        return max(STARTS, len(targets)) if cheap else len(targets)
+
+    @property
+    def _plain(self) -> bool:
+        """Whether nothing but the arm itself is in the way."""
+        return not (self.problem.obstacles or self.problem.workspace)
+
+    def _search_all(self, source: Iterator[Attempt], wanted: int) -> None:
+        """Search from guesses until there are ``wanted`` searches, a few more where none is promising."""
+        searches, first = self.searches, True
+        while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not any(map(_promising, searches))):
+            if self._enough():
+                return
+            searches.append(self._searched(self._space(), next(source)))
+            if searches[-1].outcome in STOP:
+                return
+            rest = wanted - len(searches)
+            if first and rest > 1 and self._ahead(rest) > WORTH_PROCESSES:
+                self._in_processes(islice(source, rest))
+            first = False
+
+    def _ahead(self, rest: int) -> float:
+        """About how long so many further searches will take [s], as far as there is time."""
+        left = self.options.remaining()
+        seconds = rest * self.spent.solve_s / len(self.searches)
+        return seconds if left is None else min(seconds, GUESSING * left)
+
+    def _enough(self) -> bool:
+        """Whether so much of a time limit is over that the rest is better spent on refining."""
+        end = self.options.deadline
+        late = end is not None and time.monotonic() - self.began > GUESSING * (end - self.began)
+        return late and any(map(_promising, self.searches))
+
+    def _hops(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
+        """Changed copies of the two best optima found so far."""
+        ranked = sorted(filter(_promising, self.searches), key=lambda search: search.objective)
+        rivals = [search for search in ranked if search.objective > ranked[0].objective * (1.0 + SAME)]
+        bases = []
+        for search in [ranked[0], *rivals[:1]]:
+            end = search.trajectory(search.trajectory.duration)
+            bases.append(Guess(search.name, search.trajectory.stretched(self.problem.duration),
+                               min(targets, key=lambda q: float(np.linalg.norm(q - end)))))  # fmt: skip
+        for guess in hops(self.problem, bases, self.seed):
+            yield Attempt(guess.name, guess.motion, guess.goal)
 
     def resume(self, begun: Search) -> Search:
         """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
@@ -145,8 +214,12 @@ class Campaign:
         self.searches.append(search)
         self.tried.append("the optimum before")
         self.current = search
-        if search.advance() and self._accuracy is not None:
-            search.reaches(self._accuracy)  # said, not acted upon: the knots stay
+        if search.resume() and self._accuracy is not None:
+            far, search.gain = difference(attempt.motion, search.trajectory), begun.gain  # what these knots were refined by
+            if begun.error is not None and far <= ALIKE:
+                search.error = begun.error * (1.0 + DOUBT * far)
+            else:
+                search.reaches(self._accuracy)
         search.harden(self._accuracy)
         return search
 
@@ -171,12 +244,14 @@ class Campaign:
     def _best(self, searches: list[Search]) -> Search:
         """Of the most promising searches, refined, the one of least J that holds; where none does, the least bad."""
         ranked = sorted(searches, key=lambda s: (not _promising(s), s.objective if _promising(s) else self._excess(s)))
+        firsts = _first_of_each(ranked, searches)
+        most = CLOSE * ranked[0].objective
+        rivals = {id(search) for search in firsts if _promising(search) and search.objective <= most}
+        ranked = [*firsts, *(search for search in ranked if not any(search is first for first in firsts))]
         finished: list[Search] = []
         held: list[Search] = []
-        for k, search in enumerate([*ranked[:MOST_FINISHED], *self.worse]):
-            rival = k < len(ranked) and _promising(search) and search.objective <= CLOSE * ranked[0].objective
-            known = any(abs(search.objective - other.objective) <= SAME * search.objective for other in ranked[:k])
-            if held and (known or not rival):
+        for search in [*ranked[:MOST_FINISHED], *self.worse]:
+            if held and id(search) not in rivals:
                 continue
             finished.append(self._refined(search))
             if finished[-1].outcome in STOP:
@@ -210,9 +285,8 @@ class Campaign:
         if self.given is not None:
             yield self._given(targets)
         if not (problem.obstacles or problem.workspace):
-            for k, motion in enumerate(guesses(problem, targets, self.seed)):
-                name = "straight" if k < len(targets) else f"bent {k - len(targets) + 1}"
-                yield Attempt(name, motion, targets[k % len(targets)])
+            for guess in diverse(problem, targets, self.seed, self.kernels):
+                yield Attempt(guess.name, guess.motion, guess.goal)
         free = FreeSpace.of(
             problem.robot,
             arm_obstacles(problem),
@@ -255,15 +329,30 @@ class Campaign:
         avoidance = self._relaxed(attempt)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
         search = Search(*start, durations=self.durations, spent=self.spent)
+        if self._shared and space is self._first_space:
+            search.begin_with(self._first_program(search))
         if attempt.name == "given":
             search.warm, search.space = True, self._space_of(attempt.motion, space)
         if avoidance is not None and avoidance.scene.obstacles and not unaware:
             search.stiffness = firm if attempt.free else 1
             self.free_guess = attempt if attempt.free else self.free_guess
         self.current = search
+        if self._plain and attempt.name not in ("straight", "given"):
+            search.options = replace(self.options, iterations=min(self.options.iterations, PATIENCE))
         search.advance()
+        search.options = self.options
         self.tried.append(attempt.name)
         return search
+
+    @property
+    def _shared(self) -> bool:
+        """Whether the first program of all searches is the same."""
+        return self._plain and self.durations is None and self.problem.potential is None
+
+    def _first_program(self, search: Search) -> NonlinearProgram:
+        if self._program is None:
+            self._program = search.made()
+        return self._program
 
     def _try_unaware(self, targets: list[np.ndarray]) -> None:
         """Optima without obstacles: nothing is better near one that happens to be clear of them."""
@@ -321,7 +410,7 @@ class Campaign:
                 sent[k] = attempt
                 yield self.problem, self.durations, self.parameterization, attempt, self.options.iterations, self.options.deadline
 
-        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, lambda: stop() or late(GRACE)):
+        for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, lambda: stop() or late(GRACE) or self._enough()):
             attempt = sent.pop(k)
             search = self._received(answer, attempt) if isinstance(answer, Search) else self._searched(self._space(), attempt)
             self.searches.append(search)
@@ -379,7 +468,9 @@ class Campaign:
 
     def _space(self) -> MotionSpace:
         """Where to search first; Coulomb friction, nearly a step in the velocity, wants more quadrature nodes."""
-        return self.parameterization.space(self.problem.duration, ROUGH_NODES if rough(self.problem) else None)
+        if self._first_space is None or not self._shared:
+            self._first_space = self.parameterization.space(self.problem.duration, ROUGH_NODES if rough(self.problem) else None)
+        return self._first_space
 
     def _space_of(self, motion: Trajectory, otherwise: MotionSpace) -> MotionSpace:
         """The space of a spline, whose knots may have been chosen with care, unless the caller wants others."""
@@ -471,6 +562,18 @@ def search_once(
 def _promising(search: Search) -> bool:
     """Whether a search converged to a motion that overlaps nowhere, or so little that rows will push it out."""
     return search.converged and search.depth <= DEEP
+
+
+def _first_of_each(ranked: list[Search], searches: list[Search]) -> list[Search]:
+    """One search for each optimum, best first: of those that ended in it the earliest, so that chance does not choose."""
+    groups: list[list[Search]] = []
+    for search in ranked:
+        if groups and abs(search.objective - groups[-1][0].objective) <= SAME * abs(search.objective):
+            groups[-1].append(search)
+        else:
+            groups.append([search])
+    place = {id(search): k for k, search in enumerate(searches)}
+    return [min(group, key=lambda search: place[id(search)]) for group in groups]
 
 
 def _in_turn(sources: list[Iterator], targets: list[np.ndarray]) -> Iterator[tuple]:

@@ -66,11 +66,12 @@ def plan(
     Args:
         problem: what is asked.
         parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
-        starts: initial guesses to try; the best verified motion is returned. By default 1, another where obstacles make
-            the motion much dearer, and one a goal configuration (4 at most) where the goal is Cartesian. Further guesses are
-            tried where none of them leads to a valid motion.
+        starts: initial guesses to try; the best verified motion is returned, and `Plan.optima` lists all they led to. By default
+            20 for splines where nothing stands around and kernels are compiled; otherwise 1, another where obstacles make the
+            motion much dearer, and one a goal configuration (4 at most) where the goal is Cartesian. 1 is a single local search,
+            from the straight motion. Further guesses are tried where none of them leads to a valid motion.
         seed: of the random guesses.
-        time_limit: seconds for all searches together.
+        time_limit: seconds for all searches together; with many ``starts``, as many are tried as three fifths of it allow.
         guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and
             the knots of a spline are taken over. Other guesses follow where it leads to no valid motion, or ``starts`` is more.
         iterations: solver iterations, at most, in one solve.
@@ -170,6 +171,7 @@ def finished_plan(campaign: Campaign, search: Search, compile_s: float, settings
                             "guess": search.name,
                             "evaluations": search.evaluations, "solver": search.solver},
         notes=_notes(campaign, search),
+        optima=campaign.optima,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energyopt.optima import Optimum
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 
@@ -71,6 +72,7 @@ class Plan:
         seed: seed of the guess that led here.
         options: every option used (parameterisation and solver).
         notes: what the user should know, one sentence each.
+        optima: the distinct local optima that guesses led to, before refinement, best first.
     """
 
     problem: Problem
@@ -86,6 +88,7 @@ class Plan:
     seed: int
     options: dict[str, Any]
     notes: tuple[str, ...] = ()
+    optima: tuple[Optimum, ...] = ()
 
     @property
     def solved(self) -> bool:

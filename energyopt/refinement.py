@@ -31,6 +31,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from energyopt.parameterizations.bspline import SplineSpace
+from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 from energyopt.transcription import NonlinearProgram
 
@@ -69,6 +70,12 @@ ROUNDING = 20 * np.finfo(float).eps
 """Rounding of an n-th difference of coefficients around 1 rad; on a span h the n-th derivative has it over hⁿ."""
 FORGIVEN = 3e-7
 """What rounding may contribute to an acceleration [rad/s²], or to a jerk as a share of its limit: the check forgives 1e-6."""
+SHAPE_SAMPLES = 201
+"""Times at which accelerations are compared."""
+ALIKE, DOUBT = 0.2, 2.5
+"""Relative difference of accelerations up to which an estimated error is taken over, and by how much more than it, per unit of
+the difference, it is taken to be: over changes on three arms the estimate grew by a factor of 1.23 at most up to a difference of
+0.1, 1.5 up to 0.2, 4.4 up to 0.4."""
 MOST_SPANS = 400
 """Refinement ends here, whatever the accuracy asked."""
 
@@ -245,3 +252,10 @@ def _by_span(space: SplineSpace, fine: NonlinearProgram, contribution: np.ndarra
     by_coefficient = contribution[: fine.unknowns.count * nv].reshape(-1, nv).sum(axis=1)[fine.unknowns.block[known]]
     span = np.searchsorted(space.breaks, fine.space.greville[known], side="right") - 1
     return np.bincount(np.clip(span, 0, len(space.breaks) - 2), by_coefficient, minlength=len(space.breaks) - 1)
+
+
+def difference(one: Trajectory, other: Trajectory) -> float:
+    """Relative difference of the accelerations of two motions, had they the same duration."""
+    s = np.linspace(0.0, 1.0, SHAPE_SAMPLES)
+    first, second = (motion(s * motion.duration, 2) * motion.duration**2 for motion in (one, other))
+    return float(np.linalg.norm(first - second) / max(np.linalg.norm(first), 1e-300))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energyopt.io import write_atomic
+from energyopt.optima import described
 from energyopt.plans import Plan, Status, Violations
 from energyopt.plots.svg import inline_svg
 from energyopt.plotting import plot_joints, plot_metrics
@@ -259,6 +260,7 @@ def _method(plan: Plan) -> str:
         "Iterations": str(plan.iterations),
         "Time": ", ".join(f"{name} {seconds:.3g} s" for name, seconds in plan.time_s.items()),
         "Seed": str(plan.seed),
+        **({"Optima": described(plan.optima)} if plan.optima else {}),
         "Options": ", ".join(f"{key} = {value}" for key, value in plan.options.items()),
     }
     return section("How it was found", definitions(facts))
@@ -266,7 +268,7 @@ def _method(plan: Plan) -> str:
 
 def _notes(plan: Plan, report: ValidationReport) -> str:
     notes = [*plan.notes]
-    notes.append("The motion is a local optimum; another start (option starts) may lead to a lower one.")
+    notes.append("The motion is a local optimum; further guesses (option starts) may lead to a lower one.")
     notes.append("Friction, armature and payload count only as far as the problem states them.")
     if report.violations.distance is None:
         notes.append("Nothing was asked to keep clear of, or no collision geometry was found: clearance is not judged.")

@@ -156,6 +156,15 @@ class Search:
         """The search as it is now; what is done to one is not done to the other."""
         return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
 
+    def made(self) -> NonlinearProgram:
+        """The program of the first round, for searches that share it."""
+        return self._transcribe()
+
+    def begin_with(self, program: NonlinearProgram) -> None:
+        """Begin with a program made already, that of another guess for the same problem in the same space."""
+        program.evaluator.move(program.guess(self.trajectory))
+        self.ready, self.first_objective = program, program.evaluator.objective()
+
     def restarted(self, problem: Problem, options: SearchOptions, avoidance: Avoidance | None, spent: Spent) -> Search:
         """A search of a similar problem that begins with this one's motion, knots and rows, in its own duration."""
         factor = problem.duration / self.space.duration

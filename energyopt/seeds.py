@@ -17,7 +17,7 @@ from energyopt.problem import FramePose, Problem
 SPREAD = 0.25
 """Standard deviation of a random via point, as a share of each joint's range (2π at most)."""
 
-CANDIDATES, SAMPLES, STEEP = 40, 30, 6
+CANDIDATES, SAMPLES, STEEP = 16, 12, 6
 """Durations that are compared, samples of the motion, and the power by which one that breaks a limit is dearer."""
 
 
@@ -39,7 +39,7 @@ def guesses(problem: Problem, targets: list[np.ndarray], seed: int) -> Iterator[
 
 
 def first_durations(problem: Problem, durations: tuple[float, float], goal: np.ndarray, kernels: Kernels) -> np.ndarray:
-    """Where to start from if T is free [s]: durations of the straight quintic, the cheapest that keeps to the limits, about, first.
+    """Where to start from if T is free [s]: durations of the straight quintic, first the cheapest that keeps its limits, about.
 
     On a motion run through e^θ times as fast derivatives of order o are e^{oθ} times as large.
     """

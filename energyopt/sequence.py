@@ -159,14 +159,15 @@ class _Curve:
         Raises:
             NoSolutionFound: no duration so far has a valid plan.
         """
-        times, why = np.setdiff1d(durations, list(self._found)), ""
+        times, reason = np.setdiff1d(durations, list(self._found)), ""
         for T, plan, _, why in followed(self.move, times, self._coarse, self._given) if times.size else ():
+            reason = why or reason
             if plan is not None and plan.solved:
                 self._found[T] = plan
             elif plan is not None:
                 self._failed = plan
         if not self._found:
-            raise ProblemError(f"plan_sequence: {why}") if self._failed is None else NoSolutionFound(self._failed)
+            raise ProblemError(f"plan_sequence: {reason}") if self._failed is None else NoSolutionFound(self._failed)
 
     def cost(self, durations: np.ndarray) -> np.ndarray:
         """J at some durations; infinite where none was found."""
@@ -219,7 +220,7 @@ def _shared_out(curves: list[_Curve], time: float, idle: float) -> np.ndarray:
     better = minimize(cost, lasting, jac=slope, bounds=ranges, constraints=[room], method="SLSQP")
     T = np.clip(better.x, *ranges.T)
     T *= min(1.0, time / T.sum())
-    holds = np.all(T >= ranges[:, 0]) and cost(T) <= cost(lasting)
+    holds = np.all(ranges[:, 0] <= T) and cost(T) <= cost(lasting)
     return T if holds else lasting
 
 

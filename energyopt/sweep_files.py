@@ -10,8 +10,8 @@ from typing import Any
 
 from energyopt.io import write_atomic
 from energyopt.stopping import whole_files
-from energyopt.sweeping import Sweep
 from energyopt.sweep_text import sweep_rows
+from energyopt.sweeping import Sweep
 from energyopt.versions import versions
 from energyopt.workflow import plain, prepare_folder
 

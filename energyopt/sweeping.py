@@ -37,6 +37,8 @@ BASELINES = ("quintic", "trapezoidal")
 MOST_DURATIONS = 1000
 WORTH_CARRYING = 0.01
 """Share of J that a neighbour's motion has to promise before a duration is solved again, and to give to be taken."""
+OTHER_BRANCH = 0.08
+"""Share of J by which a longer motion has to be cheaper than a slowed one, to be another optimum."""
 SAMPLES = 400
 """Samples of a motion for its measures of energy."""
 ENOUGH = 1.5
@@ -200,7 +202,8 @@ def _followed(problem: Problem, duration: float, parameterization: Parameterizat
 def _accurate(plan: Plan, parameterization: Parameterization) -> bool:
     """Whether knots made for another duration do for this one, by a margin: the estimate is one."""
     wanted = getattr(parameterization, "accuracy", None)
-    return wanted is None or plan.discretization_error is None or plan.discretization_error <= ENOUGH * wanted
+    error = plan.discretization_error
+    return wanted is None or (error is not None and error <= ENOUGH * wanted)
 
 
 def _chain(problem: Problem, times: np.ndarray, parameterization: Parameterization, given: dict, begun: Search | None) -> list:
@@ -259,12 +262,18 @@ def _price(plan: Plan | None) -> float:
 
 
 def _promises(duration: float, plan: Plan | None, other: Plan | None) -> bool:
-    """Whether the neighbour's motion, in this time, is better than what was found."""
+    """Whether the neighbour has found another, better optimum, so far as can be told without solving.
+
+    A motion slowed down keeps its limits, so J of it is a bound of what its branch costs at the longer of the two durations.
+    """
     if other is None or not other.solved:
         return False
     if plan is None or not plan.solved:
         return plan is not None
-    return objective(plan.problem, other.trajectory.stretched(duration)) < (1.0 - WORTH_CARRYING) * plan.objective
+    if other.duration < duration:
+        return objective(plan.problem, other.trajectory.stretched(duration)) < (1.0 - WORTH_CARRYING) * plan.objective
+    slowed = objective(other.problem, plan.trajectory.stretched(other.duration))
+    return other.objective < (1.0 - OTHER_BRANCH) * slowed
 
 
 def _point(problem: Problem, duration: float, plan: Plan | None, why: str) -> SweepPoint:

@@ -34,7 +34,7 @@ from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineT
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
-from energyopt.refinement import rough
+from energyopt.refinement import ALIKE, DOUBT, difference, rough
 from energyopt.robots.messages import did_you_mean
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
@@ -48,12 +48,8 @@ ROUGH_NODES = 5
 """Quadrature nodes a span of refined knots where there is Coulomb friction."""
 STATIONS = {"start", "goal", "waypoints", "obstacles", "workspace", "clearance", "attached", "self_collision"}
 """Changes after which start, goal or waypoints may touch something."""
-SHAPE_SAMPLES, MOST_JUDGED = 201, 3
-"""Times at which accelerations are compared; motions kept whose error was looked for, besides the first."""
-ALIKE, DOUBT = 0.2, 2.5
-"""Relative difference of accelerations up to which an estimated error is taken over, and by how much more than it, per unit of
-the difference, it is taken to be: over changes on three arms the estimate grew by a factor of 1.23 at most up to a difference of
-0.1, 1.5 up to 0.2, 4.4 up to 0.4."""
+MOST_JUDGED = 3
+"""Motions kept whose error was looked for, besides the first."""
 OF_THE_ROBOT = ("payload", "mass", "masses", "friction", "armature", "viscous_friction", "coulomb_friction", "gravity")
 """Changes that concern the arm; every other one is a field of `Problem`."""
 OF_THE_PROBLEM = tuple(f.name for f in fields(Problem) if f.name not in ("robot", "name", "origin"))
@@ -197,7 +193,7 @@ class WhatIf:
         """
         if self.base.discretization_error is None or rough(search.problem):
             return self.base.discretization_error
-        far, known = min(((_distance(motion, search.trajectory), error) for motion, error in self._judged), key=lambda j: j[0])
+        far, known = min(((difference(motion, search.trajectory), error) for motion, error in self._judged), key=lambda j: j[0])
         doubtful = known * (1.0 + DOUBT * far)
         if far <= ALIKE and doubtful <= accuracy:
             return doubtful
@@ -263,13 +259,6 @@ def space_of(plan: Plan) -> MotionSpace:
     if isinstance(motion, SplineTrajectory) and plan.options["parameterization"] == "BSpline":
         return SplineSpace(motion.breaks, motion.degree, ROUGH_NODES if rough(plan.problem) else None)
     return parameterization_of(plan).space(plan.duration)
-
-
-def _distance(one: Trajectory, other: Trajectory) -> float:
-    """Relative difference of the accelerations of two motions, had they the same duration."""
-    s = np.linspace(0.0, 1.0, SHAPE_SAMPLES)
-    first, second = (motion(s * motion.duration, 2) * motion.duration**2 for motion in (one, other))
-    return float(np.linalg.norm(first - second) / max(np.linalg.norm(first), 1e-300))
 
 
 def _moved(space: MotionSpace, plan: Plan, problem: Problem) -> Trajectory:

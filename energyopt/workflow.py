@@ -138,6 +138,7 @@ def summarize(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> di
         "iterations": plan.iterations,
         "seed": plan.seed,
         "options": plan.options,
+        "optima": [optimum.summary for optimum in plan.optima],
         "time_s": {**plan.time_s, "replay": None if log is None else log.wall_s},
         "notes": plan.notes,
         "versions": versions(),

@@ -30,10 +30,10 @@ def suite() -> Iterator[tuple[str, eo.Problem, dict]]:
     """Name, problem, and options of `plan`."""
     for name in CATALOGUE:
         problem, options = load_task(name)
-        yield name, problem, options | {"path_search": "built-in"}
+        yield name, problem, options | {"path_search": "built-in"} | ({} if problem.obstacles else {"starts": 1})
     for name, count in MOVES.items():
         for k, problem in enumerate(_moves(eo.load_robot(name), count)):
-            yield f"{name} move {k}", problem, {}
+            yield f"{name} move {k}", problem, {"starts": 1}
 
 
 def _moves(robot: eo.RobotModel, count: int) -> Iterator[eo.Problem]:

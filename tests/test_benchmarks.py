@@ -22,6 +22,7 @@ SMALL = {
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "rivals": ["--robots", "twodof", "--moves", "1", "--rivals", "quintic", "energyopt", "hermite_simpson", "textbook"],
     "moves": ["--robot", "twodof", "--problems", "2"],
+    "optima": ["--robots", "twodof", "--problems", "2", "--many", "24"],
     "savings": ["--robots", "twodof", "--problems", "2"],
     "solvers": ["--robots", "twodof", "--problems", "2"],
     "speed": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--rivals", "1"],
@@ -117,6 +118,15 @@ def test_accuracy_measures_the_true_error(measured):
     for run in results["problems"]:
         assert 0.0 < run["estimated_error"] < 0.01 and run["levels"] >= 1 and run["moved"] > 0.0
         assert -1e-6 <= run["true_error"] < 0.05, "a finer motion space holds the coarser: J can only fall"
+
+
+def test_no_plan_is_better_than_the_best_and_more_guesses_take_longer(measured):
+    results = measured("optima")[1]["results"]
+    assert len(results["moves"]) == results["all"]["moves"] == 2
+    for run in results["moves"]:
+        assert min(run["gap"].values()) == 0.0 and run["gap"]["default"] <= run["gap"]["one"]
+        assert run["seconds"]["many"] > run["seconds"]["one"] and run["distinct"] >= 1
+    assert results["all"]["default"]["within"] >= results["all"]["one"]["within"]
 
 
 def test_kernel_times_cover_every_kind(measured):

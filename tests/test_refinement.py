@@ -26,7 +26,7 @@ GRADED = (0.0, 0.001, 0.003, 0.01, 0.03, *np.linspace(0.1, 0.7, 13), 0.77, 0.79,
 
 
 def on_knots(request, breaks):
-    return eo.plan(request, eo.BSpline(knots=tuple(breaks), accuracy=None))
+    return eo.plan(request, eo.BSpline(knots=tuple(breaks), accuracy=None), starts=1)
 
 
 def promised(plan):

@@ -15,7 +15,8 @@ STOPS = np.array([0.0, 1.0, 0.5, 0.3])
 
 def slides(duration=(0.05, 20.0)):
     slider = arms.sliders(1)
-    return [eo.Problem(slider, [a], [b], duration=duration, velocity_weight=0.0) for a, b in zip(STOPS[:-1], STOPS[1:], strict=True)]
+    ways = zip(STOPS[:-1], STOPS[1:], strict=True)
+    return [eo.Problem(slider, [a], [b], duration=duration, velocity_weight=0.0) for a, b in ways]
 
 
 @pytest.fixture(scope="module")

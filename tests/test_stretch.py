@@ -1,5 +1,7 @@
 """Programs with a free duration and general cost terms: every derivative against finite differences."""
 
+import ctypes
+
 import arms
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from energyopt.avoidance import avoidance_of
 from energyopt.baselines import baseline
 from energyopt.collision import Hinge
 from energyopt.costs import AccelerationSquared, ElectricalEnergy, JerkSquared, MechanicalPower, TorqueSquared, VelocitySquared
+from energyopt.dynamics import compiler
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.transcription import Cuts, transcribe
@@ -98,3 +101,38 @@ def check_derivatives(program, problem):
             wanted[..., k] = (plus - minus) / (2 * STEP)
     for found, wanted in zip((gradient, J, H), expected, strict=True):
         np.testing.assert_allclose(found, wanted, atol=TOLERANCE * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("name", ["rest", "rates"])
+def test_the_compiled_border_gives_the_same_numbers(name):
+    """Between rests `stretch.c` does what the Python of `stretch` does."""
+    if compiler.find_compiler() is None:
+        pytest.skip("no C compiler")
+    two_link, rng = arms.two_link(), np.random.default_rng(5)
+    still = {"start_velocity": 0.0, "goal_acceleration": 0.0}
+    problem = make_problem(two_link, **still, **({} if name == "rates" else {"torque_rate_limits": np.inf})).lasting(1.2)
+    rows = cuts() if name == "rates" else Cuts(torque={(0.31, 0), (0.5, 1)})
+    space = BSpline(control_points=12).space(1.2)
+    program = transcribe(problem, space, kernels_of(two_link.dynamics), rows, durations=(0.7, 3.0))
+    x = program.guess(baseline(problem, "quintic")) + 0.1 * rng.normal(size=program.size)
+    x[-1], multipliers = 0.23, rng.normal(size=program.rows)
+    expected = derivatives(program, x, 0.7, multipliers)
+    context, addresses = program.evaluator.native
+    call = lambda name, *given: ctypes.CFUNCTYPE(None, ctypes.c_void_p, *(kind for kind, _ in given))(addresses[name])(
+        context, *(value for _, value in given)
+    )
+    array = lambda values: (ctypes.c_void_p, values.ctypes.data)
+    sizes = program.rows, program.size, len(program.jacobian_pattern[1]), len(program.hessian_pattern[1])
+    rows, gradient, jacobian, hessian = (np.zeros(size) for size in sizes)
+    call("state", array(x))
+    call("constraints", array(x), array(rows))
+    call("gradient", array(gradient))
+    call("jacobian", array(jacobian))
+    call("hessian", (ctypes.c_double, 0.7), array(multipliers), array(hessian))
+    program.evaluator.move(x)
+    own_jacobian, own_hessian = np.zeros_like(jacobian), np.zeros_like(hessian)
+    program.evaluator.jacobian(own_jacobian)
+    program.evaluator.gradient(np.zeros(program.size))
+    program.evaluator.hessian(0.7, multipliers, own_hessian)
+    for found, wanted in ((rows, expected[1]), (gradient, expected[2]), (jacobian, own_jacobian), (hessian, own_hessian)):
+        np.testing.assert_allclose(found, wanted, atol=1e-11 * np.abs(wanted).max())

@@ -47,7 +47,7 @@ def test_durations_that_are_impossible_say_so_and_the_others_are_planned():
     assert [point.solved for point in curve.points] == [False, True, True]
     assert "needs at least 0.5 s" in curve.points[0].why and np.isnan(curve.curve()[0])
     assert "IMPOSSIBLE" in str(curve)
-    with pytest.raises(eo.EnergyOptError, match="needs at least 0.5 s"):
+    with pytest.raises(eo.EnergyOptError, match=r"needs at least 0\.5 s"):
         eo.sweep(problem, [0.2, 0.3])
 
 

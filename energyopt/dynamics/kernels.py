@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("energyopt")
 
-_SOURCES = ("body.py", "parameters.py", "symbolic.py", "graphs.py", "codegen.py", "kernels.py", "samples.c")
+_SOURCES = ("body.py", "parameters.py", "symbolic.py", "graphs.py", "codegen.py", "kernels.py", "samples.c", "stretch.c")
 _KERNEL_FLAGS = ("-O1", "-march=native", "-std=gnu11")
 _SAMPLE_FLAGS = ("-O2", "-ftree-vectorize", "-march=native", "-std=gnu11")
 
@@ -257,7 +257,7 @@ def c_units(structure: Structure) -> dict[str, tuple[str, tuple[str, ...]]]:
         f"static const int lower_{what}[] = {{{', '.join(map(str, graphs.lower[:, k]))}}};"
         for k, what in enumerate(("row", "column"))
     ]
-    program = (files("energyopt.dynamics") / "samples.c").read_text()
+    program = "\n".join((files("energyopt.dynamics") / name).read_text() for name in ("samples.c", "stretch.c"))
     return kernels | {"samples": ("\n".join([preamble, *declarations, *index, program]), _SAMPLE_FLAGS)}
 
 

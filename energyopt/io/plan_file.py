@@ -18,6 +18,7 @@ from energyopt.arguments import check_plan
 from energyopt.errors import EnergyOptError, FileError, RobotError
 from energyopt.io.archive import npz_bytes, read_npz, write_atomic
 from energyopt.io.parts import problem_arrays, problem_from_arrays, robot_arrays, robot_from_arrays
+from energyopt.optima import Optimum
 from energyopt.parameterizations import Trajectory, trajectory_from_arrays
 from energyopt.plans import Plan, Status, Violations
 from energyopt.verification import cost
@@ -25,6 +26,8 @@ from energyopt.verification import cost
 FORMAT = "energyopt plan"
 VERSION = 2
 MAX_DEGREE = 9
+MOST_OPTIMA = 20
+"""Distinct optima that are saved, the best ones."""
 SAME_COST = 1e-8
 """Relative difference of two computations of J that is rounding: other releases of Pinocchio sum in another order."""
 
@@ -46,6 +49,8 @@ def save_plan(plan: Plan, path: str | Path) -> None:
     meta["robot"] = robot_arrays(robot, arrays)
     meta["problem"] = problem_arrays(problem, arrays)
     arrays |= {f"trajectory.{key}": np.asarray(value) for key, value in plan.trajectory.to_arrays().items()}
+    for k, optimum in enumerate(plan.optima[:MOST_OPTIMA]):
+        arrays |= {f"optimum.{k}.{key}": np.asarray(value) for key, value in optimum.trajectory.to_arrays().items()}
     text = {"meta": json.dumps(meta, default=_encode), "urdf": robot.urdf}
     target = path if _is(Path.is_dir, path) else _with_suffix(path)
     write_atomic(target, npz_bytes({k: np.frombuffer(v.encode(), dtype=np.uint8) for k, v in text.items()} | arrays))
@@ -69,7 +74,7 @@ def load_plan(path: str | Path) -> Plan:
         robot = robot_from_arrays(meta["robot"], _text(arrays, "urdf"), _group(arrays, "robot"))
         problem = problem_from_arrays(meta["problem"], robot, _group(arrays, "problem"))
         trajectory = _trajectory(str(meta["kind"]), _group(arrays, "trajectory"), robot.nv)
-        plan = _plan(meta["plan"], problem, trajectory)
+        plan = replace(_plan(meta["plan"], problem, trajectory), optima=_optima(meta["plan"], arrays, robot.nv))
         _check_cost(plan)
         return plan
     except EnergyOptError as error:
@@ -125,6 +130,7 @@ def _plan_meta(plan: Plan) -> dict[str, Any]:
         "seed": plan.seed,
         "options": plan.options,
         "notes": list(plan.notes),
+        "optima": [{"kind": optimum.trajectory.kind, **optimum.summary} for optimum in plan.optima[:MOST_OPTIMA]],
     }
 
 
@@ -147,6 +153,15 @@ def _plan(meta: dict[str, Any], problem, trajectory: Trajectory) -> Plan:
         options=dict(meta["options"]),
         notes=tuple(str(note) for note in meta["notes"]),
     )
+
+
+def _optima(meta: dict[str, Any], arrays: dict[str, np.ndarray], nv: int) -> tuple[Optimum, ...]:
+    """The distinct optima; files written before there were any hold none."""
+    found = []
+    for k, one in enumerate(meta.get("optima", ())[:MOST_OPTIMA]):
+        motion = _trajectory(str(one["kind"]), _group(arrays, f"optimum.{k}"), nv)
+        found.append(Optimum(float(one["objective"]), str(one["guess"]), int(one["guesses"]), int(one["seed"]), motion))
+    return tuple(found)
 
 
 def _encode(value: Any) -> Any:

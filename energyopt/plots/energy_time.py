@@ -38,15 +38,27 @@ def plot_sweep(sweep: Sweep) -> Figure:
     rows, columns = -(-len(names) // 2), min(2, len(names))
     with look.style():
         figure, panels = look.panels(rows, columns, height=2.2, gap=0.42, labels=0.52, legend_rows=1)
-        for ax, name in zip(np.atleast_1d(panels).flat, names, strict=False):
+        for ax, name in zip(panels.flat, names, strict=False):
             _panel(ax, sweep, name)
-        for ax in np.atleast_1d(panels).flat[len(names) :]:
-            ax.set_visible(False)
-        for ax in np.atleast_2d(panels)[-1]:
+        for ax in panels.flat[len(names) :]:
+            _savings(ax, sweep)
+        for ax in panels[-1]:
             ax.set_xlabel("duration [s]")
-        look.heading(figure, sweep.best, f"Every mark is a motion of its own. Cheapest: {sweep.best.duration:.3g} s.")
-        look.legend(figure, np.atleast_1d(panels).flat[0], columns=4)
+        remark = f"Every mark is a motion; hollow ones break a limit. Cheapest: {sweep.best.duration:.3g} s."
+        look.heading(figure, sweep.best, remark, f"{sweep.durations[0]:.3g} to {sweep.durations[-1]:.3g} s")
+        look.legend(figure, panels.flat[0], columns=4)
     return figure
+
+
+def _savings(ax: Axes, sweep: Sweep) -> None:
+    """By how much J of the plans is below that of ordinary motions."""
+    ours, least = sweep.curve(), 0.0
+    for kind, colour in zip(sweep.points[0].baselines, look.BASELINE_COLOURS, strict=False):
+        saving = 100.0 * (1.0 - ours / sweep.baseline_curve(kind))
+        ax.plot(sweep.durations, saving, "o-", color=colour, markersize=3.5, linewidth=1.3, label=kind)
+        least = min(least, np.nanmin(saving))
+    ax.axvline(sweep.best.duration, color=look.QUIET, linewidth=1.0, linestyle=":", zorder=1)
+    ax.set(title="Saving in J against the same duration [%]", ylim=(1.08 * least, 100.0))
 
 
 def _panel(ax: Axes, sweep: Sweep, name: str) -> None:

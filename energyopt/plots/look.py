@@ -119,10 +119,10 @@ def panels(
     return figure, axes
 
 
-def heading(figure: Figure, plan: Plan, remark: str) -> None:
-    """Above the panels: what is shown, and a remark in quiet ink."""
+def heading(figure: Figure, plan: Plan, remark: str, time: str = "") -> None:
+    """Above the panels: what is shown, and a remark in quiet ink. ``time``: in place of the duration."""
     robot, height = plan.problem.robot, figure.get_figheight()
-    parts = (fitted(plan.problem.name, 60), fitted(robot.name, 40), f"{plan.duration:g} s")
+    parts = (fitted(plan.problem.name, 60), fitted(robot.name, 40), time or f"{plan.duration:.4g} s")
     title = " · ".join(part for part in parts if part)
     if not plan.solved:
         title += f" · {plan.status.value}"

@@ -204,9 +204,17 @@ class CompiledEvaluator(Evaluator):
         """
         if self.costs is not None:
             raise AttributeError("native: cost terms other than squares are evaluated in Python")
+        return ctypes.addressof(self._program), self.addresses("eo_program")
+
+    def addresses(self, family: str) -> dict[str, int]:
+        """Of the functions of a family in the compiled library, by what they give."""
         names = ("state", "objective", "constraints", "gradient", "jacobian", "hessian")
-        address = lambda name: ctypes.cast(getattr(self._library, f"eo_program_{name}"), ctypes.c_void_p).value
-        return ctypes.addressof(self._program), {name: address(name) for name in names}
+        address = lambda name: ctypes.cast(getattr(self._library, f"{family}_{name}"), ctypes.c_void_p).value
+        return {name: address(name) for name in names}
+
+    def keep_turned(self) -> None:
+        """Let C find the place of `turned` before the first Hessian."""
+        self._hand("turned", self.turned)
 
     def move(self, x: np.ndarray) -> None:
         self._library.eo_program_state(self._pointer, _pointer(x))

@@ -14,10 +14,12 @@ Rows are kept as e^{−oθ}(…) between their limits. The rest of the program d
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 
 from energyopt.parameterizations.space import BoundaryState, MotionSpace
-from energyopt.transcription.evaluators import Evaluator
+from energyopt.transcription.evaluators import CompiledEvaluator, Evaluator
 from energyopt.transcription.extras import ExtraRows
 
 ORDERS = np.arange(3)
@@ -34,6 +36,45 @@ def offset_parts(space: MotionSpace, start: BoundaryState, goal: BoundaryState) 
         )
 
     return np.array([space.unknowns(only(start, kind), only(goal, kind)).offset for kind in range(3)])
+
+
+class CompiledStretch:
+    """The numbers of `stretch.c`."""
+
+    def __init__(self, base: CompiledEvaluator, numbers: dict[str, np.ndarray], row_offset: np.ndarray):
+        """``numbers``: the base's arrays for θ = 0; ``row_offset``: the offset of its linear rows then."""
+        P, A = base.layout, base.arrays
+        self._kept = {
+            **numbers,
+            "row_offset": np.ascontiguousarray(row_offset, dtype=float),
+            **{f"now_{name}": A[name] for name in (*NUMBERS, "row_offset", "jac_constant")},
+            "row_order": np.ascontiguousarray(P.linear.order, dtype=np.intc),
+            "entry_rate": np.ascontiguousarray(P.torque.rate, dtype=np.intc),
+            "jac_linear": np.ascontiguousarray(P.jac_linear, dtype=np.intc),
+            "scratch": np.zeros(max(P.size, 1)),
+            "lagged": np.zeros_like(A["state"]),
+        }
+        address, _ = base.native
+        base.keep_turned()
+        self._struct = _Stretched(address, *(self._kept[name].ctypes.data for name in _FIELDS))
+        self._base = base
+
+    @property
+    def native(self) -> tuple[int, dict[str, int]]:
+        return ctypes.addressof(self._struct), self._base.addresses("eo_stretched")
+
+
+NUMBERS = ("basis", "weight", "row_value", "entry_scale")
+"""Arrays of a program that change with θ, but for those that follow from them."""
+_FIELDS = (
+    *("basis", "weight", "row_value", "row_offset", "entry_scale"),
+    *("now_basis", "now_weight", "now_row_value", "now_row_offset", "now_entry_scale", "now_jac_constant"),
+    *("row_order", "entry_rate", "jac_linear", "scratch", "lagged"),
+)
+
+
+class _Stretched(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ("program", *_FIELDS)]
 
 
 class StretchedEvaluator:
@@ -53,10 +94,23 @@ class StretchedEvaluator:
         self.jacobian_pattern = np.append(jac_start, jac_start[-1] + self._m), np.append(jac_row, np.arange(self._m))
         self.hessian_pattern = np.append(hess_start, hess_start[-1] + self._n + 1), np.append(hess_row, np.arange(self._n + 1))
         P = base.layout
-        self._numbers = {name: base.arrays[name].copy() for name in ("basis", "weight", "row_value", "entry_scale")}
-        self._still = not np.any(parts[1:])
+        self._numbers = {name: base.arrays[name].copy() for name in NUMBERS}
+        self._still, self._compiled = not np.any(parts[1:]), None
         self._row_parts = P.linear.parts
         self._ends = np.einsum("kol,pkli->pkoi", P.basis, parts[:, P.column])
+
+    @property
+    def native(self) -> tuple[int, dict[str, int]]:
+        """As that of a compiled evaluator, by `stretch.c`.
+
+        Raises:
+            AttributeError: something is evaluated in Python.
+        """
+        if self._extras or not self._still or not hasattr(self._base, "native"):
+            raise AttributeError("native: extra terms, or motions that start or end at speed, are evaluated in Python")
+        if self._compiled is None:
+            self._compiled = CompiledStretch(self._base, self._numbers, self._row_parts[0])
+        return self._compiled.native
 
     def move(self, x):
         self._x, self._theta = x, float(x[-1])

@@ -101,7 +101,7 @@ def _one(problem: eo.Problem, spline: eo.BSpline) -> dict:
         solves[method].append(_timed(lambda method=method: method.solve(program, x0)))
     (ours, result), (reference, best) = (min(runs, key=lambda run: run[0]) for runs in solves.values())
     warm, again = _warm(problem, spline, result)
-    whole = min(_timed(lambda: eo.plan(problem, spline, throw=False))[0] for _ in range(3))
+    whole = min(_timed(lambda: eo.plan(problem, spline, starts=1, throw=False))[0] for _ in range(3))
     kernels, evaluation = _calls(program, kernels_of(problem.robot.dynamics), result)
     return {
         "parts": {
