@@ -66,7 +66,7 @@ def _markdown(results: dict, host: dict[str, Any]) -> str:
     head, rows = _optima(results)
     if rows:
         parts.append(
-            f"Moves on which J differs by {100 * (DIFFERENT - 1):.0f} % or more: other optima (in brackets: limits broken):\n"
+            f"Moves on which J differs by {100 * (DIFFERENT - 1):.0f} % or more: other optima, or coarser motions (in brackets: not held):\n"
         )
         parts.append(_pipes(head, rows))
     parts += ["".join(f"- {note}\n" for note in results["notes"])] if results["notes"] else []
