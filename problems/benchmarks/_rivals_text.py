@@ -65,9 +65,8 @@ def _markdown(results: dict, host: dict[str, Any]) -> str:
     parts.append("".join(f"- `{name}`: {rival(name).says}\n" for name in _names(results)))
     head, rows = _optima(results)
     if rows:
-        parts.append(
-            f"Moves on which J differs by {100 * (DIFFERENT - 1):.0f} % or more: other optima, or coarser motions (in brackets: not held):\n"
-        )
+        share = f"{100 * (DIFFERENT - 1):.0f} %"
+        parts.append(f"Moves on which J differs by {share} or more: other optima, or coarser motions (in brackets: not held):\n")
         parts.append(_pipes(head, rows))
     parts += ["".join(f"- {note}\n" for note in results["notes"])] if results["notes"] else []
     parts.append(_statement(results))
