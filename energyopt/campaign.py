@@ -204,9 +204,9 @@ class Campaign:
 
     def resume(self, begun: Search) -> Search:
         """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
-        self.given = begun.trajectory
+        self.given, posed = begun.trajectory, isinstance(self.problem.goal, FramePose)
         self._choose_duration()
-        targets = self._targets()
+        targets = [begun.trajectory(begun.trajectory.duration)] if posed else self._targets()
         self.avoidance = avoidance_of(self.problem)
         attempt = self._given(targets)
         search = begun.restarted(self.problem, self.options, self._relaxed(attempt), self.spent)

@@ -18,6 +18,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "problems" / "benchmarks"
 SUITES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
 SMALL = {
     "accuracy": ["--robot", "twodof", "--problems", "2", "--repeats", "1"],
+    "durations": ["--robot", "twodof", "--problems", "2", "--repeats", "1", "--curves", "@swing", "--points", "3"],
     "kernels": ["--robots", "twodof", "--casadi", "twodof", "--repeats", "1", "--no-compilation"],
     "mbm": ["clutter", "--control-points", "16", "--accuracy", "0"],
     "rivals": ["--robots", "twodof", "--moves", "1", "--rivals", "quintic", "energyopt", "hermite_simpson", "textbook"],
@@ -50,6 +51,9 @@ def measured(tmp_path_factory):
     def run(suite):
         if suite not in found:
             arguments = list(SMALL[suite])
+            arguments = [str(folder / "swing.toml") if word == "@swing" else word for word in arguments]
+            if suite == "durations":
+                (folder / "swing.toml").write_text(TWODOF)
             if suite == "startup":
                 (folder / "swing.toml").write_text(TWODOF)
                 arguments += ["--problem", str(folder / "swing.toml")]
