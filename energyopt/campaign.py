@@ -251,8 +251,9 @@ class Campaign:
         finished: list[Search] = []
         held: list[Search] = []
         for search in [*ranked[:MOST_FINISHED], *self.worse]:
-            if held and id(search) not in rivals:
-                continue
+            hopeful = any(search is first for first in firsts) and _promising(search)
+            if held and id(search) not in rivals and not (hopeful and search.objective < min(s.objective for s in held)):
+                continue  # clearing a motion of itself may have made the best much dearer
             finished.append(self._refined(search))
             if finished[-1].outcome in STOP:
                 return min(held, key=lambda s: s.objective, default=finished[-1])

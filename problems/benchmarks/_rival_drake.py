@@ -60,7 +60,8 @@ def _plant(robot):
             root.remove(part)
     plant = MultibodyPlant(0.0)
     Parser(plant).AddModelsFromString(ET.tostring(root, encoding="unicode"), "urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetBodyByName(_base(root)).body_frame())
+    if _base(root) != "world":
+        plant.WeldFrames(plant.world_frame(), plant.GetBodyByName(_base(root)).body_frame())
     for name in robot.joint_names:
         plant.AddJointActuator(name, plant.GetJointByName(name))
     plant.Finalize()

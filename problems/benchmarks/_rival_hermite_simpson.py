@@ -32,6 +32,8 @@ from energyopt.solvers import SolverOptions
 from energyopt.solvers.linear import MUMPS
 
 INTERVALS = 30
+MARGIN = 0.995
+"""Share of the torque limits allowed at nodes and midpoints, so that they hold between."""
 FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
 SETTINGS = MUMPS | {
     "print_level": 0, "sb": "yes", "tol": SolverOptions.tolerance, "max_iter": 500, "mu_init": 1e-2, "bound_relax_factor": 0.0,
@@ -117,7 +119,7 @@ def _program(problem: Problem, points: dict[str, ca.Function], breaks: np.ndarra
         ),
     }  # fmt: skip
     solver = ca.nlpsol("hermite_simpson", "ipopt", {"x": x, "p": p, "f": f, "g": g}, options)
-    bound = np.tile(problem.limits.torque, count)
+    bound = np.tile(MARGIN * problem.limits.torque, count)
     low, high = _bounds(problem, count)
     guess = _guess(problem, breaks)
     arguments = {"x0": guess, "lbx": low, "ubx": high}

@@ -65,9 +65,8 @@ def _markdown(results: dict, host: dict[str, Any]) -> str:
     parts.append("".join(f"- `{name}`: {rival(name).says}\n" for name in _names(results)))
     head, rows = _optima(results)
     if rows:
-        parts.append(
-            f"Moves on which the motions found are different optima (the highest J {DIFFERENT:g} times the lowest or more):\n"
-        )
+        share = f"{100 * (DIFFERENT - 1):.0f} %"
+        parts.append(f"Moves on which J differs by {share} or more: other optima, or coarser motions (in brackets: not held):\n")
         parts.append(_pipes(head, rows))
     parts += ["".join(f"- {note}\n" for note in results["notes"])] if results["notes"] else []
     parts.append(_statement(results))
@@ -84,10 +83,11 @@ def _rival_versions() -> dict[str, str]:
 
 
 def _statement(results: dict) -> str:
-    met = {goal.what: goal.met for goal in goals(results)}
-    missed = [what for what, held in met.items() if not held]
+    found = goals(results)
+    missed = [str(goal) for goal in found if not goal.met]
+    listed = "\n".join(f"- {line}" for line in missed)
     aim = f"The goal, {FASTER:g} times less on every robot at a J at most 0.5 % above the best rival's,"
-    return f"{aim} " + ("is met.\n" if met and not missed else f"is NOT met: {'; '.join(missed) or 'nothing was compared'}.\n")
+    return f"{aim} " + ("is met.\n" if found and not missed else f"is NOT met:\n\n{listed or '- nothing was compared'}\n")
 
 
 def _rows(found: dict) -> list[tuple]:

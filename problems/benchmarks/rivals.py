@@ -23,7 +23,7 @@ from _shared import Report, machine, parser, publish, settings
 
 MEASURES = "processor seconds, J and held limits of energyopt and of other ways to plan, on the same random moves"
 OURS = ("energyopt", "energyopt_tighter")
-NO_RIVAL = ("quintic", *OURS)
+NO_RIVAL = ("quintic", "energyopt_8_starts", *OURS)
 QUALITY = 1.005
 """J over the best rival's up to which a motion counts as one of that quality."""
 FOLDER = Path(__file__).resolve().parent
@@ -37,15 +37,20 @@ def main() -> int:
     made.add_argument("--rivals", nargs="+", choices=RIVALS, default=list(RIVALS), metavar="NAME", help=", ".join(RIVALS))
     made.add_argument("--most-seconds", type=float, default=300.0, metavar="S", help="wall time for one rival on one robot")
     made.add_argument("--docs", type=Path, metavar="FILE", help="write the tables there too, between the markers")
-    made.add_argument("--beside", type=Path, nargs="*", default=[], metavar="FILE", help="add robots of earlier runs (--json)")
+    made.add_argument("--beside", type=Path, nargs="*", default=[], metavar="FILE", help="add what earlier runs found (--json)")
     parsed = made.parse_args()
     results = {name: _robot(name, parsed) for name in parsed.robots}
     notes = [note for found in results.values() for note in found.pop("notes")]
     for path in parsed.beside:
         earlier = json.loads(path.read_text())
-        robots = {name: {"load": earlier["machine"]["load"]} | found for name, found in earlier["results"]["robots"].items()}
-        results, notes = results | robots, notes + earlier["results"]["notes"]
-    results = {"robots": results, "notes": list(dict.fromkeys(notes))}
+        notes += earlier["results"]["notes"]
+        for name, found in earlier["results"]["robots"].items():
+            found = {"load": earlier["machine"]["load"], **found}
+            rivals = found["rivals"] | results.get(name, {"rivals": {}})["rivals"]
+            results[name] = found | {"rivals": {key: rivals[key] for key in RIVALS if key in rivals}} | compare(rivals)
+    done = [f"{key} on {n}: " for n, r in results.items() for key, e in r["rivals"].items() if len(e["moves"]) == r["moves"]]
+    notes = [note for note in dict.fromkeys(notes) if not note.startswith(tuple(done))]
+    results = {"robots": results, "notes": notes}
     if parsed.docs is not None:
         write_page(parsed.docs, results, machine())
     chosen = {key: value for key, value in settings(parsed).items() if key not in ("docs", "beside")}
