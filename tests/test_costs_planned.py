@@ -25,7 +25,7 @@ def planned(name):
     return eo.plan(eo.Problem(arm(), START, GOAL, T, costs=[costs.COSTS[name]()]))
 
 
-@pytest.mark.parametrize("name", [name for name, term in costs.COSTS.items() if term.uses])  # a given duration is the same for all
+@pytest.mark.parametrize("name", [name for name, term in costs.COSTS.items() if term.uses])  # not the duration itself
 def test_a_motion_planned_for_a_term_is_the_best_of_all_by_that_term(name):
     measured = {other: costs.integral(costs.COSTS[name](), arm(), planned(other).trajectory) for other in costs.COSTS}
     # Motions are planned to 1 %; the two powers come down to the same least work.
