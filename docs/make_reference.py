@@ -104,6 +104,7 @@ MEANINGS = {
     "problem.start_acceleration": "0 without it",
     "problem.goal_acceleration": "0 without it",
     "problem.clearance": "least distance from obstacles, walls, and between links; 0 without it, which asks for no contact",
+    "problem.periodic": "a cycle: goal = start, velocity and acceleration the same at both ends and up to the optimiser",
     "problem.self_collision": "whether links are kept apart; true without it",
     "problem.cost.type": "of the term (see [energy](energy.md)); all terms together are J, in place of the two weights above",
     "problem.cost.weight": "factor of the term in J; 1 without it",

@@ -46,10 +46,10 @@ def test_no_duration_near_the_chosen_one_is_cheaper(space):
 
 
 def test_a_bound_of_the_duration_holds_it():
-    problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=(0.3, 6.0))
-    best = eo.plan(problem).duration
-    longer = eo.plan(eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=(1.3 * best, 6.0)))
-    assert longer.duration == pytest.approx(1.3 * best, rel=1e-6)
+    slide = {"start": [0.0], "goal": [0.8], "costs": [TorqueSquared(), 5.0 * Duration()]}
+    best = eo.plan(eo.Problem(arms.sliders(1), duration=(0.05, 50.0), **slide)).duration
+    for bounds, bound in (((1.3 * best, 50.0), 1.3 * best), ((0.05, 0.7 * best), 0.7 * best)):
+        assert eo.plan(eo.Problem(arms.sliders(1), duration=bounds, **slide)).duration == pytest.approx(bound, rel=1e-6)
 
 
 def test_limits_hold_where_the_duration_is_free():
@@ -78,7 +78,7 @@ def test_a_motion_to_start_from_is_taken_up():
     problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=1.0)
     first = eo.plan(problem)
     again = eo.plan(problem, guess=first)
-    assert again.options["guess"] == "given" and again.objective == pytest.approx(first.objective, rel=1e-5)
+    assert again.options["guess"] == "given" and 0.99 * first.objective < again.objective < first.objective * (1 + 1e-6)
     with pytest.raises(eo.InputError, match="a motion of 2 joints; expected 1"):
         eo.plan(eo.Problem(arms.sliders(1), [0.0], [1.0], 1.0), guess=first)
     with pytest.raises(eo.InputError, match="guess is 3: expected a Trajectory"):

@@ -284,7 +284,7 @@ def test_fingers_stay_where_the_problem_has_them():
         ({"robot": "fetch"}, RobotError, "robot 'fetch' is not in the catalogue .* give its URDF: fetch=path.urdf"),
         ({"frame": "wrist_1_link"}, FileError, "moves with a joint"),
         ({"obstacles": [{"name": "x", "type": "torus", "xyz": [0] * 3, "quat_wxyz": [1, 0, 0, 0]}]}, FileError, "is a 'torus'"),
-        ({"obstacles": [{"type": "box"}]}, FileError, "problem 1: KeyError"),
+        ({"obstacles": [{"type": "box"}]}, FileError, "problem 1: an obstacle has no 'quat_wxyz'"),
         ({"q_goal": [0.0] * 5}, FileError, "problem 1: .*q_goal holds 5 numbers; expected 6"),
     ],
 )
