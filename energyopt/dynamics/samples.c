@@ -198,8 +198,8 @@ void eo_program_gradient(const Program *P, double *gradient) {
   }
 }
 
-void eo_program_jacobian(const Program *P, double *values) {
-  for (long e = 0; e < P->jac_nonzeros; ++e) values[e] = P->jac_constant[e];
+/* dtau/dz of the samples that torque rows speak of, transposed */
+static void demanded_jacobians(const Program *P) {
   V zz[NZ], t[NV], jj[NV * NZ];
   FOR_LANES(k, n, P->demanded) {
     for (long l = 0; l < LANES; ++l)
@@ -207,6 +207,11 @@ void eo_program_jacobian(const Program *P, double *values) {
     kernel_jacobian(zz, P->theta, t, jj);
     unpack(jj, NV * NZ, k, n, P->jacobian);
   }
+}
+
+void eo_program_jacobian(const Program *P, double *values) {
+  for (long e = 0; e < P->jac_nonzeros; ++e) values[e] = P->jac_constant[e];
+  demanded_jacobians(P);
   for (long e = 0; e < P->entries; ++e) {
     const double *Jt = P->jacobian + P->entry_demand[e] * NV * NZ + P->entry_joint[e];
     const double *basis = P->basis + P->entry_sample[e] * 3 * P->local;

@@ -84,16 +84,6 @@ void eo_stretched_jacobian(const Stretched *S, double *values) {
   }
 }
 
-static void demanded_jacobians(const Program *P) {
-  V zz[NZ], t[NV], jj[NV * NZ];
-  FOR_LANES(k, n, P->demanded) {
-    for (long l = 0; l < LANES; ++l)
-      for (long m = 0; m < NZ; ++m) zz[m][l] = P->state[P->demand[k + (l < n ? l : 0)] * NZ + m];
-    kernel_jacobian(zz, P->theta, t, jj);
-    unpack(jj, NV * NZ, k, n, P->jacobian);
-  }
-}
-
 /* The border: lagged becomes what every sample gives to d2L/dtheta dx before it is gathered; returns d2L/dtheta2. */
 static double samples_border(const Stretched *S, double sigma, const double *lambda) {
   const Program *P = S->program;
