@@ -16,14 +16,13 @@ joint; it stands for no product. Standby power, the same for all motions of one 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _shared import Report, parser, publish, quartiles, random_moves, settings, shown, table
+from _shared import Report, parser, publish, quartiles, random_moves, settings, shown, table, write_block
 
 import energyopt as eo
 from energyopt.costs import ElectricalEnergy
@@ -182,11 +181,7 @@ def _write(results: dict, parsed: argparse.Namespace) -> None:
     )
     rows = [escaped(HEAD), "|---|---|" + "--:|" * (len(HEAD) - 2), *(escaped(row) for row in _rows(results))]
     block = "\n\n".join([caption, "\n".join(rows), "\n".join(_remarks(results))])
-    page = PAGE.read_text(encoding="utf-8") if PAGE.is_file() else ""
-    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    if not pattern.search(page):
-        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing; --docs is for a checkout")
-    PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{block}\n\n{END}", page), encoding="utf-8")
+    write_block(PAGE, (BEGIN, END), block)
 
 
 if __name__ == "__main__":

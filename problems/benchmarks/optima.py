@@ -9,14 +9,13 @@ processor times of a whole `energyopt.plan`; plans of one problem follow each ot
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from _shared import Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table
+from _shared import Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table, write_block
 
 import energyopt as eo
 from energyopt.campaign import STARTS
@@ -140,11 +139,7 @@ def _write(results: dict, parsed: argparse.Namespace) -> None:
     )
     line = lambda cells: "| " + " | ".join(cells) + " |"
     block = "\n".join([caption, "", line(HEAD), "|---|" + "--:|" * (len(HEAD) - 1), *map(line, _rows(results))])
-    page = PAGE.read_text(encoding="utf-8") if PAGE.is_file() else ""
-    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    if not pattern.search(page):
-        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing; --docs is for a checkout")
-    PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{block}\n\n{END}", page), encoding="utf-8")
+    write_block(PAGE, (BEGIN, END), block)
 
 
 if __name__ == "__main__":
