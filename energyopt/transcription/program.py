@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -172,6 +173,7 @@ AT_REST = Samples(*np.zeros((5, 1, 1)))
 """One sample, for terms that depend on nothing."""
 
 
+@lru_cache(maxsize=8)
 def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageCosts | None, list[CostTerm], float]:
     """The problem's cost terms as: weights of τ² (nv,) and of (q², q̇², q̈²) (3 nv,); what is more than squares of these, or None;
     those of the jerk; and the price of a second, which matters where the duration is free."""
