@@ -16,6 +16,7 @@ import pytest
 import energyopt as eo
 from energyopt.solvers.interrupts import Interrupts, unless_stopped
 
+pytestmark = pytest.mark.alone
 LATEST = 0.5
 """Seconds from the signal to the end."""
 SLACK = 0.3
