@@ -95,6 +95,8 @@ def check_ends(problem: Problem, goal: np.ndarray | None) -> None:
 
 def _check_base(problem: Problem) -> None:
     robot, obstacles = problem.robot, problem.obstacles
+    if not obstacles:
+        return
     scene = CollisionScene(robot, obstacles, (), problem.attached, fixed=True)
     if not scene.pairs:
         return

@@ -27,12 +27,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
 
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.solvers.lookahead import newton_step, point_of
 from energyopt.transcription import NonlinearProgram
 
 REMAINDER = 1.75
@@ -46,12 +45,6 @@ CHANCE = 1 / 3
 """Share of the gain before the last that the last is taken to be at least, where J is rough."""
 UNMEASURED = 0.3
 """Before a refinement has been measured, the estimate has to be below this share of the accuracy asked."""
-NEAR = 1e-2
-"""A limit is active where less than this share of its interval is left."""
-STIFFNESS = 1e5
-"""ρ for rows of length one and a Hessian with ones on its diagonal."""
-SHIFTS = (0.0, 1e-2, 1e-1, 1.0, 10.0)
-"""Added to that diagonal, in turn, until the curvature is positive."""
 AIM = 0.9
 """Share of the accuracy asked that a refinement aims at."""
 PROGRESS = (0.05, 0.4)
@@ -125,16 +118,10 @@ def promise(space: SplineSpace, fine: NonlinearProgram, x: np.ndarray) -> Promis
         x: the unknowns there of the motion that is optimal in the coarse space. Those that are no coefficients (times of
             waypoints) are held.
     """
-    gradient, hessian, rows = _scaled(fine, x)
-    quadrature, held = fine.evaluator.objective(), hessian.diagonal() == 0.0
-    stiff = hessian + STIFFNESS * (rows.T @ rows)
-    for shift in SHIFTS:
-        factors = _factored(stiff + diags_array(np.where(held, 1.0, shift)))
-        if factors is not None:
-            step = factors.solve(gradient)
-            gain = max(float(gradient @ step - 0.5 * step @ (hessian @ step)), 0.0)
-            return Promise(gain, _by_span(space, fine, np.abs(gradient * step)), shift == 0.0, quadrature)
-    return Promise(quadrature, np.diff(space.breaks), False, quadrature)  # curvature that is not a number, say: anything goes
+    step, quadrature = newton_step(point_of(fine, x, fine.layout.size)), fine.evaluator.objective()
+    if step is None:  # anything goes
+        return Promise(quadrature, np.diff(space.breaks), False, quadrature)
+    return Promise(max(step.gain, 0.0), _by_span(space, fine, step.shares), step.convex, quadrature)
 
 
 def roughly(space: SplineSpace, fine: NonlinearProgram, x: np.ndarray) -> Promise:
@@ -195,55 +182,6 @@ def refine(space: SplineSpace, cost: np.ndarray, share: float, shortest: float =
     inner = [breaks[k] + width[k] * np.arange(1, parts[k]) / parts[k] for k in range(1, len(cost) - 1)]
     ends = np.array([breaks[0] + END_SPLIT * width[0], breaks[-1] - END_SPLIT * width[-1]])
     return space.refined(np.concatenate([*inner, ends[END_SPLIT * width[[0, -1]] >= shortest]]))
-
-
-def _scaled(program: NonlinearProgram, x: np.ndarray) -> tuple[np.ndarray, csc_array, csc_array]:
-    """Gradient, Hessian and active rows (of length one), in unknowns scaled to a curvature of one; zero for unknowns held."""
-    evaluator, (n, m) = program.evaluator, (program.size, program.rows)
-    gradient, g = np.empty(n), np.empty(m)
-    jacobian, hessian = np.empty(len(program.jacobian_pattern[1])), np.empty(len(program.hessian_pattern[1]))
-    evaluator.move(x)
-    evaluator.gradient(gradient)
-    evaluator.hessian(1.0, np.zeros(m), hessian)
-    evaluator.constraints(x, g)
-    evaluator.jacobian(jacobian)
-    start, row = program.hessian_pattern
-    column = np.repeat(np.arange(n), np.diff(start))
-    curvature = np.abs(np.bincount(column[row == column], hessian[row == column], minlength=n))
-    held = _near(x, program.lower, program.upper)
-    held[program.layout.size :] = True
-    size = np.where(held, 0.0, 1.0 / np.sqrt(np.maximum(curvature, 1e-300)))
-    upper = csc_array((hessian * size[row] * size[column], row, start), shape=(n, n))
-    rows = _unit_rows(program, jacobian * _near(g, program.row_lower, program.row_upper)[program.jacobian_pattern[1]], size)
-    return size * gradient, upper + upper.T - diags_array(upper.diagonal()), rows
-
-
-def _near(values: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Whether a limit is near."""
-    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    return np.minimum(upper - values, values - lower) <= NEAR * width
-
-
-def _unit_rows(program: NonlinearProgram, jacobian: np.ndarray, size: np.ndarray) -> csc_array:
-    """Rows in unknowns of the given sizes, each of length one (or zero)."""
-    start, row = program.jacobian_pattern
-    values = jacobian * np.repeat(size, np.diff(start))
-    length = np.sqrt(np.bincount(row, values**2, minlength=program.rows))
-    rows = csc_array((values / np.where(length > 0, length, 1.0)[row], row, start), shape=(program.rows, program.size))
-    rows.eliminate_zeros()
-    return rows
-
-
-def _factored(matrix: csc_array) -> SuperLU | None:
-    """L U of a symmetric matrix in its own order, without exchanges, so that its pivots have the signs of its eigenvalues; None
-    where one is not positive. (LAPACK's banded Cholesky starts threads, which wait for each other on a busy machine.)
-    """
-    try:
-        factors = splu(csc_array(matrix), "NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False})
-    except RuntimeError:  # singular
-        return None
-    exchanged = np.any(factors.perm_r != np.arange(matrix.shape[0]))
-    return None if exchanged or not np.all(factors.U.diagonal() > 0.0) else factors
 
 
 def _by_span(space: SplineSpace, fine: NonlinearProgram, contribution: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -49,8 +50,8 @@ def sample_spans(trajectory: Trajectory, per_span: int = 20) -> Samples:
     if pieces is None:
         inside = t.copy()
         inside[:, 0], inside[:, -1] = np.nextafter(t[:, 0], np.inf), np.nextafter(t[:, -1], -np.inf)
-        return Samples(t, lambda order: trajectory(inside.ravel(), order).reshape(*t.shape, trajectory.nv))
-    return Samples(t, lambda order: _evaluate(_derivative(pieces, order), width * s))
+        return Samples(t, cache(lambda order: trajectory(inside.ravel(), order).reshape(*t.shape, trajectory.nv)))
+    return Samples(t, cache(lambda order: _evaluate(_derivative(pieces, order), width * s)))
 
 
 def extrema(trajectory: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:

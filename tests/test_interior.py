@@ -2,6 +2,7 @@
 
 import ctypes
 import time
+from dataclasses import replace
 from importlib.resources import files
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline
 from energyopt.solvers import Outcome, SolverOptions, interior, ipopt, solve
 from energyopt.transcription import Cuts, transcribe
+from energyopt.transcription.duals import Duals
 
 pytestmark = pytest.mark.skipif(compiler.find_compiler() is None, reason="needs a C compiler")
 
@@ -349,3 +351,42 @@ def test_a_skyline_tells_that_a_matrix_is_singular_or_not_definite_enough(probe)
     assert probe(np.array([[1.0, 2.0], [2.0, 4.0]]), [0, 0], np.ones(2), 2)[0] == -1
     assert probe(np.diag([1.0, -1.0, -1.0, np.nan]), range(4), np.ones(4), 0)[0] == 1, "it stops at the first"
     assert probe(np.diag([1.0, np.nan]), range(2), np.ones(2), 2)[0] == -1
+
+
+def test_a_start_with_the_multipliers_of_the_optimum_takes_few_iterations():
+    program = Curved()
+    first = interior.solve(program, np.array([1.0, 5.0, 5.0, 1.0]))
+    known = SolverOptions(barrier=1e-6, multipliers=(first.multipliers, first.bound_multipliers))
+    again = interior.solve(program, first.x, known)
+    assert again.outcome is Outcome.CONVERGED
+    assert again.x == pytest.approx(first.x, abs=1e-6)
+    assert again.iterations <= 3 < first.iterations
+
+
+def test_bound_multipliers_balance_the_gradient():
+    """Minimise ½|x|² − 2 x₁ with x₁ ≤ 1: the upper bound holds with multiplier 1, none holds x₂."""
+    program = quadratic(np.eye(2), np.array([-2.0, 0.0]), bounds=(np.full(2, -3.0), np.array([1.0, 3.0])))
+    result = interior.solve(program, np.zeros(2))
+    assert result.bound_multipliers == pytest.approx([1.0, 0.0], abs=1e-5)
+
+
+def test_multipliers_of_rows_that_stay_are_found_again_among_new_ones():
+    robot = arms.catalogue_robot("ur5")
+    problem = eo.Problem(robot, np.zeros(6), np.full(6, 0.8), 1.0, self_collision=False)
+    space, kernels = BSpline(control_points=12, accuracy=None).space(1.0), kernels_of(robot.dynamics)
+    cuts = Cuts(torque={(0.2, 1), (0.4, 2)})
+    program = transcribe(problem, space, kernels, cuts)
+    result = solve(program, program.guess(baseline(problem)))
+    duals = Duals.of(program, cuts, result)
+    more = Cuts(torque={*cuts.torque, (0.3, 1), (0.1, 0)})
+    rows, bounds = duals.to(transcribe(problem, space, kernels, more), more)
+    linear = len(program.layout.linear.lower)
+    assert rows[:linear] == pytest.approx(result.multipliers[:linear], abs=0.0)
+    kept = dict(zip(sorted(cuts.torque), result.multipliers[linear:], strict=True))
+    assert rows[linear:] == pytest.approx([kept.get(key, 0.0) for key in sorted(more.torque)], abs=0.0)
+    assert bounds == pytest.approx(result.bound_multipliers, abs=0.0)
+    start = SolverOptions(barrier=1e-5)
+    known = interior.solve(program, result.x, replace(start, multipliers=(result.multipliers, result.bound_multipliers)))
+    assert known.iterations < interior.solve(program, result.x, start).iterations
+    finer = BSpline(control_points=16, accuracy=None).space(1.0)
+    assert duals.to(transcribe(problem, finer, kernels, cuts), cuts) is None

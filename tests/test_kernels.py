@@ -117,3 +117,15 @@ def differences(function, z, step=2e-4):
         h[k] = step
         columns.append((8 * (function(z + h) - function(z - h)) - (function(z + 2 * h) - function(z - 2 * h))) / (12 * step))
     return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("scale", [1e2, 9e4, 1e7])
+def test_sine_and_cosine_hold_at_any_angle(scale):
+    """A pendulum's torque is a sine of its angle; beyond 1e5 rad the C library's functions take over."""
+    pendulum = arms.pendulum()
+    kernels = kernels_of(pendulum.dynamics)
+    q = np.concatenate([scale * np.random.default_rng(0).uniform(-1.0, 1.0, 200), np.pi / 4 * np.arange(-20, 21), [0.0]])
+    z = np.stack([q, np.zeros_like(q), np.zeros_like(q)], axis=1)
+    largest = abs(float(pendulum.torque(*np.array([[np.pi / 2], [0.0], [0.0]]))[0]))
+    expected = pendulum.torque(q[:, None], z[:, 1:2], z[:, 2:])
+    assert np.abs(kernels.torque(z) - expected).max() < 1e-15 * max(largest, 1.0) * 20

@@ -28,7 +28,17 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("energyopt")
 
-_SOURCES = ("body.py", "parameters.py", "symbolic.py", "graphs.py", "codegen.py", "kernels.py", "samples.c", "stretch.c")
+_SOURCES = (
+    "body.py",
+    "parameters.py",
+    "symbolic.py",
+    "graphs.py",
+    "codegen.py",
+    "kernels.py",
+    "lanes.c",
+    "samples.c",
+    "stretch.c",
+)
 _KERNEL_FLAGS = ("-O1", "-march=native", "-std=gnu11")
 _SAMPLE_FLAGS = ("-O2", "-ftree-vectorize", "-march=native", "-std=gnu11")
 
@@ -37,10 +47,6 @@ _PREAMBLE = """#include <math.h>
 #define LANES {lanes}
 #define LOWER {lower}
 typedef double V __attribute__((vector_size(8 * LANES)));
-"""
-_LANES = """static inline V lanes(double x) { V r; for (int l = 0; l < LANES; ++l) r[l] = x; return r; }
-#define LANEWISE(f) static inline V lanes_##f(V x) { for (int l = 0; l < LANES; ++l) x[l] = f(x[l]); return x; }
-LANEWISE(sin) LANEWISE(cos) LANEWISE(tanh) LANEWISE(sqrt) LANEWISE(exp) LANEWISE(log) LANEWISE(fabs)
 """
 
 
@@ -248,10 +254,12 @@ def c_units(structure: Structure) -> dict[str, tuple[str, tuple[str, ...]]]:
     graphs = sample_graphs(structure)
     lanes = 8 if compiler.has_wide_vectors() else 4
     preamble = _PREAMBLE.format(nv=structure.nv, lanes=lanes, lower=len(graphs.lower))
+    lanewise = (files("energyopt.dynamics") / "lanes.c").read_text()
     names = [f"kernel_{graph.name()}" for graph in graphs.all]
     declarations = [c_declaration(graph, name) + ";" for graph, name in zip(graphs.all, names, strict=True)]
     kernels = {
-        name: (preamble + _LANES + c_function(graph, name), _KERNEL_FLAGS) for graph, name in zip(graphs.all, names, strict=True)
+        name: (preamble + lanewise + c_function(graph, name), _KERNEL_FLAGS)
+        for graph, name in zip(graphs.all, names, strict=True)
     }
     index = [
         f"static const int lower_{what}[] = {{{', '.join(map(str, graphs.lower[:, k]))}}};"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.linalg import solve_banded
 
 from energyopt.errors import ProblemError
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Rows, Unknowns
@@ -160,9 +160,14 @@ class SplineSpace(MotionSpace):
         """Interpolation at the Greville abscissae; reproduces every spline of this space."""
         if isinstance(trajectory, SplineTrajectory) and self._contains(trajectory):
             return trajectory.spline.c.copy()
-        times = self.greville.clip(0.0, self.duration)
-        values = trajectory(times * (trajectory.duration / self.duration))
-        return make_interp_spline(times, values, self.degree, self.knots).c
+        times = self.greville
+        columns, values = self.basis(times, 1)
+        # By the Schoenberg–Whitney conditions each diagonal entry is positive, and columns are at most degree − 1 apart from it.
+        width, row = self.degree - 1, np.arange(self.size)[:, None]
+        there = np.abs(row - columns) <= width
+        matrix = np.zeros((2 * width + 1, self.size))
+        matrix[(width + row - columns)[there], columns[there]] = values[:, 0][there]
+        return solve_banded((width, width), matrix, trajectory(times * (trajectory.duration / self.duration)))
 
     def _contains(self, spline: SplineTrajectory) -> bool:
         """Whether a spline has these knots, in its own duration."""
@@ -170,11 +175,12 @@ class SplineSpace(MotionSpace):
         same = spline.degree == self.degree and len(knots) == len(self.knots)
         return same and bool(np.allclose(knots * share, self.knots, rtol=0.0, atol=1e-13 * self.duration))
 
-    @property
+    @cached_property
     def greville(self) -> np.ndarray:
         """Where each coefficient acts: the means of its p inner knots [s], (size,)."""
-        p = self.degree
-        return np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], p).mean(axis=1)
+        p, knots = self.degree, self.knots
+        means = sum(knots[k : k + self.size] for k in range(1, p + 1)) / p
+        return means.clip(0.0, self.duration)
 
     def stretched(self, duration: float) -> SplineSpace:
         breaks = self.breaks * (duration / self.duration)
@@ -201,16 +207,18 @@ class SplineSpace(MotionSpace):
         p, knots = self.degree - order + 1, self.knots[order:-order]
         return p / (knots[p:] - knots[:-p])
 
-    @cached_property
-    def _end_states(self) -> np.ndarray:
-        """Position, velocity and acceleration at the start and the end by the three outer coefficients there, (2, 3, 3)."""
-        values = self.basis(np.array([0.0, self.duration]))[1]
-        return np.stack([values[0][:, :3], values[1][:, -3:]])
-
     def _end_coefficients(self, end: int, state: BoundaryState) -> np.ndarray:
-        """The three outer coefficients (3, nv) that give a state; with an unknown position, what to add to it."""
+        """The three outer coefficients (3, nv) that give a state; with an unknown position, what to add to it.
+
+        At a clamped end v = s₁ (c₁ − c₀) and a = s₂ (s₁' (c₂ − c₁) − v), the slopes s being those of `_slope`.
+        """
         position = np.zeros_like(state.velocity) if state.position is None else state.position
-        return np.linalg.solve(self._end_states[end], np.stack([position, state.velocity, state.acceleration]))
+        first, second = self._slope(1), self._slope(2)
+        if end == 0:
+            near = position + state.velocity / first[0]
+            return np.stack([position, near, near + (state.velocity + state.acceleration / second[0]) / first[1]])
+        near = position - state.velocity / first[-1]
+        return np.stack([near - (state.velocity - state.acceleration / second[-1]) / first[-2], near, position])
 
 
 def _difference(shifted: np.ndarray, kept: np.ndarray) -> np.ndarray:

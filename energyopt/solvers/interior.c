@@ -135,6 +135,9 @@ long eo_interior_run(Interior *I, long iterations, double seconds) {
 
 /* ---- the start ---- */
 
+#define BESIDE 0.1 /* share of an interval within which a limit has to be for its given multiplier to count */
+#define ROOM 1e-2
+
 /* move inside the bounds (WB, section 3.6) */
 static double inside(double value, double low, double high, double push) {
   const double width = high - low;
@@ -168,21 +171,39 @@ static void set_scales(Interior *I) {
   }
 }
 
+/* Multipliers given by the caller for some of w: gaps at which their products with them are the barrier parameter, but no wider
+   than they are, or some share of the interval. */
+static void take_guess(Interior *I, long from, long to, const double *guess, double share) {
+  for (long i = from; i < to; ++i) {
+    const double z = I->scale * (i < I->n ? guess[i] : guess[i - I->n] / I->row_scale[i - I->n]);
+    const double width = isfinite(I->U[i] - I->L[i]) ? I->U[i] - I->L[i] : 1.0;
+    const double gap = z > 0.0 ? I->U[i] - I->w[i] : I->w[i] - I->L[i];
+    const double wanted = fmin(I->mu / fabs(z), fmax(gap, share * width));
+    if (z == 0.0 || !(gap <= BESIDE * width)) continue;
+    I->w[i] = z > 0.0 ? I->U[i] - wanted : I->L[i] + wanted;
+  }
+}
+
 static int start(Interior *I, const double *x0) {
   const long n = I->n, m = I->m;
   for (long i = 0; i < n; ++i) I->w[i] = inside(x0[i], I->L[i], I->U[i], I->o.push);
   if (!evaluate_point(I, I->w, &I->f, I->g) || !evaluate_slopes(I)) return NOT_A_NUMBER;
   set_scales(I);
   for (long r = 0; r < m; ++r) I->L[n + r] *= I->row_scale[r], I->U[n + r] *= I->row_scale[r];
+  if (I->o.row_guess) take_guess(I, 0, n, I->o.bound_guess, 0.0);
   if (!evaluate_point(I, I->w, &I->f, I->g) || !evaluate_slopes(I)) return NOT_A_NUMBER;
   for (long r = 0; r < m; ++r) {
     if (I->equality[r] >= 0) I->w[n + r] = I->L[n + r], I->L[n + r] = -INFINITY, I->U[n + r] = INFINITY;
     else I->w[n + r] = inside(I->g[r], I->L[n + r], I->U[n + r], I->o.push);
   }
+  const double most = I->o.row_guess ? INFINITY : 1.0;
+  if (I->o.row_guess) take_guess(I, n, I->N, I->o.row_guess, ROOM);
   for (long i = 0; i < I->N; ++i) {
-    I->zl[i] = isfinite(I->L[i]) ? fmin(1.0, I->mu / (I->w[i] - I->L[i])) : 0.0;
-    I->zu[i] = isfinite(I->U[i]) ? fmin(1.0, I->mu / (I->U[i] - I->w[i])) : 0.0;
+    I->zl[i] = isfinite(I->L[i]) ? fmin(most, I->mu / (I->w[i] - I->L[i])) : 0.0;
+    I->zu[i] = isfinite(I->U[i]) ? fmin(most, I->mu / (I->U[i] - I->w[i])) : 0.0;
   }
+  for (long r = 0; r < m && I->o.row_guess; ++r)
+    I->y[r] = I->equality[r] >= 0 ? I->scale * I->o.row_guess[r] / I->row_scale[r] : I->zu[n + r] - I->zl[n + r];
   const double theta = infeasibility(I, I->w, I->g);
   I->theta_least = 1e-4 * fmax(1.0, theta), I->theta_most = 1e4 * fmax(1.0, theta);
   I->first_f = I->steady_f = I->f;
@@ -232,10 +253,11 @@ Interior *eo_interior_new(const Program *p, const Options *o, const double *x0) 
 
 enum { OBJECTIVE, ERROR, VIOLATION, BARRIER, STEP, SHIFT, ITERATIONS, STATES, GRADIENTS, JACOBIANS, HESSIANS };
 
-/* the present point, the multipliers of the rows, and numbers as above */
-void eo_interior_read(Interior *I, double *x, double *y, double *numbers) {
+/* the present point, the multipliers of the rows and of the bounds, and numbers as above */
+void eo_interior_read(Interior *I, double *x, double *y, double *z, double *numbers) {
   if (!I) return;
   memcpy(x, I->w, I->n * sizeof(double));
+  for (long i = 0; i < I->n; ++i) z[i] = (I->zu[i] - I->zl[i]) / I->scale;
   for (long r = 0; r < I->m; ++r) y[r] = I->y[r] * I->row_scale[r] / I->scale;
   double worst = 0.0, miss;
   for (long r = 0; r < I->m; ++r)

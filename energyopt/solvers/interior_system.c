@@ -42,6 +42,7 @@ typedef struct {
 typedef struct {
   double tolerance, violation, barrier, scale, push;
   long iterations, warm; /* warm: the start may be near an optimum */
+  const double *row_guess, *bound_guess; /* multipliers to start with, positive where the upper side holds; may be null */
 } Options;
 
 enum { RUNNING, CONVERGED, ACCEPTABLE, ITERATION_LIMIT, NO_STEP, NOT_A_NUMBER, SINGULAR, TOO_WIDE, NO_MEMORY };

@@ -36,12 +36,14 @@ class SolverOptions:
         iterations: at most this many.
         barrier: initial barrier parameter; small values suit good guesses.
         time_limit: seconds of wall time; None has no limit.
+        multipliers: of the rows (m,) and of the bounds (n,) to start from, as in a `SolverResult`; None where nothing is known.
     """
 
     tolerance: float = 1e-6
     iterations: int = 500
     barrier: float = 1.0
     time_limit: float | None = None
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None
 
 
 DEFAULT = SolverOptions()
@@ -56,6 +58,7 @@ class SolverResult:
         outcome: how it ended; reason: the solver's own word; solver: its name.
         objective, iterations: at the end.
         evaluations: calls by function.
+        bound_multipliers: of x (n,), likewise; None where the solver does not tell.
     """
 
     x: np.ndarray
@@ -66,6 +69,7 @@ class SolverResult:
     iterations: int
     evaluations: dict[str, int] = field(default_factory=dict)
     solver: str = "ipopt"
+    bound_multipliers: np.ndarray | None = None
 
 
 def scaling(program, x0: np.ndarray) -> float:

@@ -114,9 +114,9 @@ class Cuts:
         return tuple(rows)
 
     def _add_torque(self, times: np.ndarray, excess: np.ndarray) -> None:
-        for i in range(excess.shape[1]):
-            found = [*times[_stretches(excess[:, i], TORQUE_EXCESS)], *_vertices(times, excess[:, i], TORQUE_EXCESS)]
-            self.torque.update((float(t), i) for t in found)
+        for i in np.flatnonzero(excess.max(axis=0) > TORQUE_EXCESS):
+            self.torque.update((float(t), int(i)) for t in times[_stretches(excess[:, i], TORQUE_EXCESS)])
+        self.torque.update((float(t), int(i)) for t, i in _vertices(times, excess, TORQUE_EXCESS))
 
     def _add_rates(self, problem: Problem, trajectory: Trajectory, kernels: Kernels) -> None:
         """Pairs of samples a tiny step apart, inside one span, where the rate between them is too high."""
@@ -143,15 +143,19 @@ def _peaks(excess: np.ndarray, threshold: float) -> np.ndarray:
     return np.flatnonzero((excess > threshold) & (excess >= padded[:-2]) & (excess >= padded[2:]))
 
 
-def _vertices(t: np.ndarray, excess: np.ndarray, threshold: float) -> np.ndarray:
-    """Times between samples where a parabola through three of them rises above a threshold that none of them reaches."""
-    k = 1 + np.flatnonzero((excess[1:-1] >= excess[:-2]) & (excess[1:-1] >= excess[2:]) & (excess[1:-1] <= threshold))
-    k = k[k % PER_SPAN != 0]  # at a knot the torque has a kink, and a parabola across it rises where the torque does not
+def _vertices(t: np.ndarray, excess: np.ndarray, threshold: float) -> list[tuple[float, int]]:
+    """(Time, joint) between samples where a parabola through three of them rises above a threshold that none of them reaches."""
+    at = excess[1:-1]
+    peak = (at >= excess[:-2]) & (at >= excess[2:]) & (at <= threshold)
+    peak[PER_SPAN - 1 :: PER_SPAN] = False  # at a knot the torque has a kink, and a parabola across it rises where it does not
+    k, i = np.nonzero(peak)
+    k += 1
     before, after = t[k] - t[k - 1], t[k + 1] - t[k]
-    rise, fall = (excess[k] - excess[k - 1]) / before, (excess[k + 1] - excess[k]) / after
+    rise, fall = (excess[k, i] - excess[k - 1, i]) / before, (excess[k + 1, i] - excess[k, i]) / after
     slope, bend = (rise * after + fall * before) / (before + after), (fall - rise) / (before + after)
     shift = -0.5 * slope / np.where(bend < 0, bend, -np.inf)
-    return (t[k] + shift)[excess[k] + 0.5 * slope * shift > threshold]
+    above = excess[k, i] + 0.5 * slope * shift > threshold
+    return list(zip((t[k] + shift)[above], i[above], strict=True))
 
 
 def _stretches(excess: np.ndarray, threshold: float, stride: int = 6) -> np.ndarray:

@@ -120,17 +120,17 @@ def _kept_pattern(local_block: bytes, shape: tuple[int, int], count: int, nv: in
 
 def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):
     """Upper triangle by block pairs: column starts (size + 1,), rows, and for blocks A ≤ B the offset of A in B's columns."""
-    known = np.sort(np.unique(local_block, axis=0), axis=1)
-    pairs = np.unique(known[:, None, :] * np.int64(count) + known[:, :, None] + np.where(known < 0, -(2**60), 0)[:, :, None])
-    b, a = np.divmod(pairs[pairs >= 0], count) if count else (np.zeros(0, int),) * 2
-    b, a = b[a <= b], a[a <= b]
+    changes = np.any(local_block[1:] != local_block[:-1], axis=1)  # samples of one span touch the same blocks
+    known = local_block[np.flatnonzero(np.append(True, changes))] if len(local_block) else local_block
+    first, second = np.broadcast_arrays(known[:, :, None], known[:, None, :])
+    pairs = np.unique(second[(first >= 0) & (first <= second)] * np.int64(count) + first[(first >= 0) & (first <= second)])
+    b, a = np.divmod(pairs, max(count, 1))
+    begin = np.searchsorted(b, np.arange(count + 1))
     place = np.full((count, count), -1)
-    place[a, b] = (np.arange(len(b)) - np.searchsorted(b, b)) * nv
-    i, j = np.arange(nv)[:, None], np.arange(nv)
-    rows = np.broadcast_to(a[:, None, None] * nv + i, (len(a), nv, nv))
-    columns = np.broadcast_to(b[:, None, None] * nv + j, (len(a), nv, nv))
-    upper = rows <= columns
-    rows, columns = rows[upper], columns[upper]
-    order = np.lexsort((rows, columns))
-    start = np.searchsorted(columns[order], np.arange(count * nv + 1))
-    return start, rows[order], place
+    place[a, b] = (np.arange(len(b)) - begin[b]) * nv
+    # Block B's j-th column holds the blocks before B, whole, and of B itself, which is the last, j + 1 rows.
+    length = np.maximum(np.diff(begin)[:, None] * nv + np.arange(1 - nv, 1), 0)
+    start = np.concatenate([[0], np.cumsum(length)])
+    column = np.repeat(np.arange(count * nv), length.ravel())
+    block, row = np.divmod(np.arange(start[-1]) - start[column], nv)
+    return start, a[begin[column // nv] + block] * nv + row, place
