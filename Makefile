@@ -25,8 +25,8 @@ help:  ## list these targets
 demo: $(RUN_STAMP)  ## plan a Panda motion, replay it in MuJoCo, print the numbers, write the files
 	@$(PY) -m energyopt plan problems/panda_reach.toml --out $(OUT)/panda_reach
 
-test: $(DEV_STAMP)  ## run the tests (PYTEST_ARGS="-k name" to choose)
-	@$(PY) -m pytest $(PYTEST_ARGS)
+test: $(DEV_STAMP)  ## run the tests, a worker a core (PYTEST_ARGS="-k name" to choose, "-n0 --pdb" to look inside)
+	@$(PY) -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
 lint: $(DEV_STAMP)  ## check the code with ruff
 	@$(PY) -m ruff check .

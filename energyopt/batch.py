@@ -8,7 +8,7 @@ there is none. What is found does not depend on the number of processes: every p
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -16,6 +16,7 @@ from inspect import signature
 from typing import Any
 
 from energyopt.arguments import check_names, check_options, check_problem, takes
+from energyopt.enduring import is_loss
 from energyopt.errors import BatchInterrupted, EnergyOptError, InputError, NoSolutionFound
 from energyopt.ordered import Interrupted, Job, Undrawn, in_order
 from energyopt.parameterizations import BSpline
@@ -29,8 +30,6 @@ from energyopt.progress import Counter, told
 from energyopt.workers import WorkerError, no_more_processes
 
 _OWN = ("problem", "parameterization", "verbose", "throw")
-_LOST = ("KilledWorker", "WorkerDied", "CommClosedError")
-"""Errors of dask.distributed that say that a worker is gone, by name: it is not imported here."""
 
 
 class FailureStatus(str, Enum):
@@ -41,7 +40,7 @@ class FailureStatus(str, Enum):
     ERROR = "ERROR"
     """Planning ended with an unexpected error; its notes hold the traceback."""
     WORKER_LOST = "WORKER_LOST"
-    """The process that planned it ended, twice over where it could be replaced."""
+    """The process that planned it ended, and so did another that planned nothing else."""
     INTERRUPTED = "INTERRUPTED"
     """Ctrl-C came first."""
 
@@ -170,7 +169,7 @@ def described(error: BaseException) -> tuple[FailureStatus, str]:
     text = " ".join(str(error).split())
     if isinstance(error, InputError):
         return FailureStatus.BAD_INPUT, text
-    lost = isinstance(error, (WorkerError, BrokenExecutor, CancelledError)) or type(error).__name__ in _LOST
+    lost = isinstance(error, (WorkerError, CancelledError)) or is_loss(error)
     named = text if isinstance(error, EnergyOptError) else f"{type(error).__name__}: {text}".removesuffix(": ")
     return FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR, named
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from energyopt.clusters import Cluster
+from energyopt.enduring import Enduring
 from energyopt.errors import InputError
 from energyopt.pool import Workers
 from energyopt.problem_values import shown, whole
@@ -48,9 +50,9 @@ class Place:
             return Place(None, most, max(IN_FLIGHT, 4 * most))
         if processes is not None:
             raise InputError("executor and processes are both given: an executor has its own workers; leave out processes")
-        threads = getattr(executor, "nthreads", None)
-        if callable(getattr(executor, "get_executor", None)) and callable(threads):
-            return Place(executor.get_executor(pure=False), 0, max(IN_FLIGHT, 4 * sum(threads().values())))
+        if Cluster.suits(executor):
+            cluster = Cluster(executor)
+            return Place(cluster, 0, max(IN_FLIGHT, 4 * cluster.threads))
         if not isinstance(executor, Executor):
             expected = "an executor of concurrent.futures, or a dask.distributed.Client"
             raise InputError(f"executor is {shown(executor)}: expected {expected}")
@@ -59,10 +61,10 @@ class Place:
     @contextmanager
     def open(self) -> Iterator[Executor]:
         """An executor; the processes of one made here end with the block, whatever they are doing."""
-        if self.executor is not None:
+        if isinstance(self.executor, ThreadPoolExecutor):  # its workers do not die alone
             yield self.executor
             return
-        workers = Workers(self.processes)
+        workers = Workers(self.processes) if self.executor is None else Enduring(self.executor)
         try:
             yield workers
         finally:

@@ -1,11 +1,20 @@
-"""Linear algebra on one thread: the matrices of a plan are small, and several threads on them mostly wait for one another."""
+"""Threads: linear algebra on one, since the matrices of a plan are small and several threads on them mostly wait for one another;
+independent work on as many as there are cores."""
 
 from __future__ import annotations
 
+import os
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from functools import cache
+from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def single_thread() -> AbstractContextManager:
@@ -19,3 +28,37 @@ def _controller() -> ThreadpoolController:
     import scipy.linalg  # noqa: F401
 
     return ThreadpoolController()
+
+
+class Unwanted(Exception):
+    """Raised in work whose result nobody waits for any more."""
+
+
+Wanted = Callable[[], None]
+"""To be called now and then by long work: raises `Unwanted` where it may end."""
+
+
+def always_wanted() -> None:
+    """A `Wanted` that never raises."""
+
+
+def side_by_side(work: Callable[[Item, Wanted], Result], items: Iterable[Item]) -> list[Result]:
+    """Results of ``work`` for each item, in order, computed by as many threads as there are cores.
+
+    Where one fails, or Ctrl-C comes, what has not begun never does, and what has is told by its second argument; this returns
+    when all threads have ended.
+    """
+    left = threading.Event()
+
+    def wanted() -> None:
+        if left.is_set():
+            raise Unwanted
+
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        try:
+            jobs = [pool.submit(work, item, wanted) for item in items]
+            return [job.result() for job in jobs]
+        except BaseException:  # KeyboardInterrupt is one
+            left.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

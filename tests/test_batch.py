@@ -2,6 +2,7 @@
 
 import ast
 import gc
+import logging
 import multiprocessing
 import os
 import signal
@@ -167,10 +168,20 @@ def test_executors_of_the_caller_give_the_same_and_stay_open(four):
         results = eo.plan_many([*problems, "none"], SPLINE, executor=spawned, progress=False)
         assert same(results[:4], alone) and results[4].status is FailureStatus.BAD_INPUT
         assert spawned.submit(abs, -1).result() == 1
-        lost = eo.plan_many([spoiled(problems[0], "name", Deadly())], SPLINE, executor=spawned, progress=False)
-        assert lost[0].status is FailureStatus.WORKER_LOST
-        after = eo.plan_many(problems[:1], SPLINE, executor=spawned, progress=False)
-        assert after[0].status is FailureStatus.WORKER_LOST, "a process pool does not recover; ours does"
+
+
+def test_a_pool_of_processes_that_breaks_costs_only_the_problem_that_broke_it(four, caplog):
+    """The whole pool ends with one of its processes and never recovers; what it held is planned by processes of our own."""
+    problems, alone = four
+    given = [spoiled(problems[0], "name", Deadly()), *problems, spoiled(problems[1], "name", Deadly())]
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as spawned:
+        with caplog.at_level(logging.WARNING, "energyopt"):
+            results = eo.plan_many(given, SPLINE, executor=spawned, progress=False)
+        assert same(results[1:5], alone)
+        assert [results[k].status for k in (0, 5)] == [FailureStatus.WORKER_LOST] * 2
+        assert "ended with the code 7" in results[0].message and len(caplog.records) == 1
+        assert "worker processes (1) take its place" in caplog.text
+        assert same(eo.plan_many(problems[:1], SPLINE, executor=spawned, progress=False), alone[:1]), "it is broken still"
 
 
 def test_what_cannot_be_sent_says_so_and_is_planned_in_a_thread(four):

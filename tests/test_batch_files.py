@@ -93,6 +93,7 @@ def test_mistakes_are_named_before_anything_starts(given, said, tmp_path, capsys
     assert (tmp_path / "work" / "full" / "results.csv").read_text() == "mine"
 
 
+@pytest.mark.alone
 def test_ctrl_c_keeps_what_is_done(folder, tmp_path):
     for k in range(300):
         (folder / f"more{k:03}.toml").write_text(MOVE.format(name=f"more{k}", duration=3.0 + 0.01 * k))

@@ -16,6 +16,7 @@ import pytest
 import energyopt as eo
 from energyopt.solvers.interrupts import Interrupts, unless_stopped
 
+pytestmark = pytest.mark.alone
 LATEST = 0.5
 """Seconds from the signal to the end."""
 SLACK = 0.3
@@ -43,13 +44,17 @@ METHODS = {
 }
 
 
+CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+"""It is ignored where the tests run in the background."""
+
+
 def environment():
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [str(Path(eo.__file__).parents[1]), *sys.path]))}
 
 
-def start(*command):
+def start(*command, **variables):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([sys.executable, *command], env=environment(), **pipes)
+    return subprocess.Popen([sys.executable, *command], env=environment() | variables, **pipes)
 
 
 @pytest.mark.parametrize("method, throw", [(method, throw % 2) for throw, method in enumerate(METHODS)])
@@ -95,6 +100,101 @@ def test_looking_for_a_path_ends_soon_after_ctrl_c():
     _, errors = process.communicate(timeout=30)
     assert line.startswith("INTERRUPTED") and "contact not looked for; 1 guess tried: straight" in line, line + errors
     assert took < LATEST + SLACK
+
+
+def test_ctrl_c_in_the_last_moment_of_a_solve_begins_no_search_for_a_path(monkeypatch):
+    """Inside a solve the signal is only remembered; what follows may take seconds, and does not ask whether it came."""
+    from test_obstacles import cage, task
+
+    from energyopt.pathfinding import PathSearch
+    from energyopt.pathfinding.guesses import SEARCHERS
+    from energyopt.solvers import interior
+
+    solve, solves, searches, last = interior.solve, [], [], None
+
+    def solved(program, x0, options, progress, stop):
+        result = solve(program, x0, options, progress, stop)
+        solves.append(result.outcome)
+        if len(solves) == last:
+            with stop.held():
+                signal.raise_signal(signal.SIGINT)
+        return result
+
+    def no_path(*_):
+        searches.append(len(solves))
+        return PathSearch(None, "not looked for", 0, 0.0)
+
+    monkeypatch.setattr(interior, "solve", solved)
+    monkeypatch.setitem(SEARCHERS, "rrt", no_path)
+    eo.plan(task(*cage()), eo.BSpline(accuracy=None), throw=False)
+    last, before = searches[0], solves[: searches[0]]
+    solves.clear(), searches.clear()
+    plan = eo.plan(task(*cage()), eo.BSpline(accuracy=None))
+    assert plan.status is eo.Status.INTERRUPTED and solves == before and not searches
+
+
+TOLD = """
+try:
+    {}
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+def until_told(process, wait):
+    """Seconds from SIGINT, sent after some, until the script says that it has been interrupted."""
+    time.sleep(wait)
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    line = process.stdout.readline()
+    took = time.monotonic() - began
+    _, errors = process.communicate(timeout=30)
+    assert line == "interrupted\n" and not errors, line + errors
+    return took
+
+
+def runs(pid):
+    """Whether a process is there; one that has ended stays in the table until its parent asks how."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+SLOW = """#!/bin/sh
+case "$*" in *probe*|*--version*) exec cc "$@";; esac
+sleep 60 & echo $! >> NOTES; wait"""
+
+
+def test_ctrl_c_while_kernels_are_compiled_ends_the_compilers(tmp_path):
+    """Several at once, in threads, each with processes of its own; nothing of them is left."""
+    notes, slow = tmp_path / "notes", tmp_path / "slow-cc"
+    slow.write_text(SLOW.replace("NOTES", str(notes)))
+    slow.chmod(0o755)
+    cache = tmp_path / "cache"
+    code = "import energyopt as eo; problem = eo.load_problem('panda_reach')\n" + TOLD.format("eo.plan(problem)")
+    process = start("-c", CTRL_C + code, ENERGYOPT_CC=str(slow), ENERGYOPT_CACHE=str(cache))
+    deadline = time.monotonic() + 60.0
+    while not (notes.exists() and notes.read_text()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert until_told(process, 0.3) < LATEST + SLACK
+    assert not any(map(runs, notes.read_text().split()))
+    assert not list(cache.glob("compile-*"))
+
+
+def test_ctrl_c_while_an_arm_is_covered_by_spheres_waits_for_no_link(tmp_path):
+    """The arm's meshes have not been seen before: covering them takes several seconds."""
+    code = (
+        "import energyopt as eo\n"
+        "from energyopt.geometry import cache, robot_spheres as spheres\n"
+        "cache._shipped, cover = (lambda name: None), spheres.cover_bodies\n"
+        "arm, said = eo.load_robot('baxter'), iter([b'covering\\n'])\n"
+        "spheres.cover_bodies = lambda *given: (os.write(1, next(said, b'')), cover(*given))[1]\n"
+    )
+    code = "import os\n" + code + TOLD.format("spheres.robot_spheres(arm)")
+    process = start("-c", CTRL_C + code, ENERGYOPT_CACHE=str(tmp_path))
+    assert process.stdout.readline() == "covering\n"
+    assert until_told(process, 1.0) < LATEST + SLACK
 
 
 def test_afterwards_ctrl_c_is_pythons_own_again():

@@ -244,6 +244,7 @@ def test_a_goal_that_is_walled_in_ends_cleanly_and_names_what_stands_in_the_way(
     assert plan.violations.distance <= -BALL - 0.01 + 1e-3
 
 
+@pytest.mark.alone
 def test_a_time_limit_bounds_the_looking_for_paths_too():
     """Eight seconds for each path, two for all: what is over them are the check of the motion and the end of one solve."""
     began = time.monotonic()
@@ -252,6 +253,7 @@ def test_a_time_limit_bounds_the_looking_for_paths_too():
     assert "ball–" in plan.message and "tried: straight" in plan.message
 
 
+@pytest.mark.alone
 def test_a_time_limit_bounds_searches_in_processes_too(monkeypatch):
     """Which take seconds to start, and are not waited for."""
     monkeypatch.setattr("energyopt.campaign.WORTH_PROCESSES", 0.0)

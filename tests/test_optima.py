@@ -79,6 +79,7 @@ def test_the_same_seed_gives_the_same_optima_in_one_process_or_in_several(plans,
     assert [one.summary for one in other.optima] != [one.summary for one in first.optima]
 
 
+@pytest.mark.alone
 def test_a_time_limit_ends_the_guesses_in_time_to_return_the_best_so_far():
     began = time.monotonic()
     plan = eo.plan(swing(), starts=10_000, time_limit=3.0)

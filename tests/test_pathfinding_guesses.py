@@ -129,6 +129,7 @@ def test_searches_that_find_nothing_are_told_and_the_next_is_anothers_turn(monke
     assert all("no path in 0.1 s, with " in text for text in told)
 
 
+@pytest.mark.alone
 def test_all_searches_together_end_with_the_time_they_have():
     told, (problem, free) = [], ball_behind_a_wall()
     began = time.monotonic()

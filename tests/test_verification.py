@@ -260,6 +260,7 @@ def test_pieces_of_a_spline_are_the_spline(degree):
         np.testing.assert_allclose(here, motion(inner.ravel(), order), rtol=1e-9, atol=1e-8 * np.abs(here).max())
 
 
+@pytest.mark.alone
 def test_the_check_of_a_seven_joint_plan_takes_milliseconds(panda):
     q = 0.5 * (panda.limits.lower + panda.limits.upper)
     motion = random_spline(7, 3, 3, count=19)

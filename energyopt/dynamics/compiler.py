@@ -14,20 +14,25 @@ import logging
 import os
 import platform
 import shutil
+import signal
 import stat
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+
+from energyopt.threads import Wanted, always_wanted, side_by_side
 
 log = logging.getLogger("energyopt")
 
 COMPILE_TIMEOUT = 600.0
 """Seconds after which a compiler is given up."""
+LOOK = 0.05
+"""Seconds between two looks at whether it is wanted still."""
 
 
 _FAILURES: dict[tuple[str, ...], str] = {}
@@ -162,22 +167,45 @@ def discard(path: Path) -> None:
 
 
 def _build(compiler: tuple[str, ...], work: Path, units: dict[str, tuple[str, tuple[str, ...]]]) -> Path:
-    def compile_unit(name: str) -> str:
+    def compile_unit(name: str, wanted: Wanted) -> str:
         text, flags = units[name]
         (work / f"{name}.c").write_text(text)
-        _run([*compiler, *flags, "-fPIC", "-c", f"{name}.c", "-o", f"{name}.o"], work)
+        _run([*compiler, *flags, "-fPIC", "-c", f"{name}.c", "-o", f"{name}.o"], work, wanted)
         return f"{name}.o"
 
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        objects = list(pool.map(compile_unit, units))
-    _run([*compiler, "-shared", *objects, "-o", "library.so", "-lm"], work)
+    objects = side_by_side(compile_unit, units)
+    _run([*compiler, "-shared", *objects, "-o", "library.so", "-lm"], work, always_wanted)
     return work / "library.so"
 
 
-def _run(command: list[str], folder: Path) -> None:
-    subprocess.run(
-        command, cwd=folder, check=True, capture_output=True, text=True, timeout=COMPILE_TIMEOUT, stdin=subprocess.DEVNULL
-    )
+def _run(command: list[str], folder: Path, wanted: Wanted) -> None:
+    """Run a command; where it is not wanted any more, takes too long, or Ctrl-C comes, it ends, and all it has started."""
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    latest = time.monotonic() + COMPILE_TIMEOUT
+    with subprocess.Popen(command, cwd=folder, text=True, process_group=0, **pipes) as process:
+        try:
+            said = _said(process, latest, wanted)
+        except BaseException:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            raise
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command, *said)
+
+
+def _said(process: subprocess.Popen, latest: float, wanted: Wanted) -> tuple[str, str]:
+    """What a process has written once it has ended.
+
+    Raises:
+        TimeoutExpired: it has not by the time of `time.monotonic` that is ``latest``. Unwanted: it need not go on.
+    """
+    while True:
+        wanted()
+        try:
+            return process.communicate(timeout=LOOK)
+        except subprocess.TimeoutExpired:
+            if time.monotonic() > latest:
+                raise subprocess.TimeoutExpired(process.args, COMPILE_TIMEOUT) from None
 
 
 def _reason(error: Exception) -> str:

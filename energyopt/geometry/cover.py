@@ -23,6 +23,7 @@ from scipy.stats import qmc
 
 from energyopt.geometry.hull import Hull
 from energyopt.geometry.shapes import Shape, Sphere
+from energyopt.threads import Wanted, always_wanted
 
 CANDIDATES = 300
 ELEMENT_SHARE = 0.7
@@ -118,33 +119,37 @@ class Solid:
         return self.heights(points).min(axis=1)
 
 
-def cover_bodies(shapes: Sequence[Shape], resolution: float) -> Cover:
+def cover_bodies(shapes: Sequence[Shape], resolution: float, wanted: Wanted = always_wanted) -> Cover:
     """Balls that contain the surfaces of all ``shapes`` (in one common frame) and stick out by at most ``resolution`` [m].
 
-    A `Sphere` among the shapes is its own ball.
+    A `Sphere` among the shapes is its own ball. ``wanted`` is called now and then, and may raise to end the search.
     """
     own = [shape for shape in shapes if isinstance(shape, Sphere)]
     centers = np.array([shape.pose[:3, 3] for shape in own]).reshape(-1, 3)
     radii = np.array([shape.radius for shape in own])
     hulls = [Hull.of_points(posed_points(shape), shape.kind) for shape in shapes if not isinstance(shape, Sphere)]
     # Round shapes are covered with the polyhedron drawn around them, which sticks out a little by itself.
-    spare = max([0.0, *(float(union_distance(shapes, hull.vertices).max()) for hull in hulls)])
+    spare = max([0.0, *(float(union_distance(shapes, hull.vertices, wanted).max()) for hull in hulls)])
     limit = max(resolution - spare, 0.5 * resolution)
     if not hulls:
         return Cover(centers, radii, np.maximum(radii + union_distance(shapes, centers), 0.0), 0.0)
-    elements = _elements(hulls, own, ELEMENT_SHARE * limit)
+    elements = _elements(hulls, own, ELEMENT_SHARE * limit, wanted)
     free = np.flatnonzero(~np.any(elements.farthest(centers, exact=True) <= radii, axis=1))
     if len(free):
-        found = _Search(elements.some(free), hulls, limit).balls()
+        found = _Search(elements.some(free), hulls, limit, wanted).balls()
         centers, radii = np.concatenate([centers, found[0]]), np.concatenate([radii, found[1] + ROUNDING])
-    excess = np.maximum(radii + union_distance(shapes, centers), 0.0)
+    excess = np.maximum(radii + union_distance(shapes, centers, wanted), 0.0)
     protrusion = float((elements.farthest(centers, exact=True) - radii).min(axis=1).max()) if len(elements.corners) else 0.0
     return Cover(centers, radii, excess, protrusion)
 
 
-def union_distance(shapes: Sequence[Shape], points: np.ndarray) -> np.ndarray:
+def union_distance(shapes: Sequence[Shape], points: np.ndarray, wanted: Wanted = always_wanted) -> np.ndarray:
     """φ, shape (N,): exact outside the union; inside, where bodies overlap, the true depth is at least −φ."""
-    return np.min([shape.distance(points) for shape in shapes], axis=0)
+    distances = []
+    for shape in shapes:
+        wanted()
+        distances.append(shape.distance(points))
+    return np.min(distances, axis=0)
 
 
 def posed_points(shape: Shape) -> np.ndarray:
@@ -153,10 +158,11 @@ def posed_points(shape: Shape) -> np.ndarray:
     return shape.enclosing_points() @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _elements(hulls: list[Hull], balls: list[Sphere], edge: float) -> Elements:
+def _elements(hulls: list[Hull], balls: list[Sphere], edge: float, wanted: Wanted) -> Elements:
     """Triangles with edges ≤ ``edge`` [m] over the surfaces, without those hidden inside another body."""
     kept = [np.empty((0, 3, 3))]
     for hull in hulls:
+        wanted()
         small = _subdivide(hull.vertices[hull.triangles], edge)
         depths = [Solid.of([other]).depth(small.reshape(-1, 3)) for other in hulls if other is not hull]
         depths += [ball.distance(small.reshape(-1, 3)) for ball in balls]
@@ -201,8 +207,8 @@ class _Balls:
 class _Search:
     """The search for balls over the elements of one union of polyhedra; ``limit`` is the excess allowed."""
 
-    def __init__(self, elements: Elements, hulls: list[Hull], limit: float):
-        self.elements, self.hulls, self.limit = elements, hulls, limit
+    def __init__(self, elements: Elements, hulls: list[Hull], limit: float, wanted: Wanted):
+        self.elements, self.hulls, self.limit, self.wanted = elements, hulls, limit, wanted
         self.solid = Solid.of(hulls)
 
     def balls(self) -> tuple[np.ndarray, np.ndarray]:
@@ -233,6 +239,7 @@ class _Search:
         blocks = [slice(k, k + BLOCK) for k in range(0, len(areas), BLOCK)]
         gain, left, chosen = sum(areas[rows] @ table[rows] for rows in blocks), np.ones(len(areas), bool), []
         while left.any() and gain.max() > 0:
+            self.wanted()
             chosen.append(int(gain.argmax()))
             news = np.flatnonzero(left & table[:, chosen[-1]])
             left[news] = False
@@ -251,6 +258,7 @@ class _Search:
         wanted = max(CANDIDATES, int(self.elements.areas.sum() / self.limit**2))
         share = max(50, min(wanted, MAX_TABLE // (2 * len(self.elements.corners))) // len(self.hulls))
         for k, hull in enumerate(self.hulls):
+            self.wanted()
             low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
             even = low + qmc.Halton(3, scramble=False).random(4 * share) * (high - low)
             rng = np.random.default_rng(k)
@@ -324,6 +332,7 @@ class _Search:
             depth = self.solid.depth(c)
             return np.where(depth < 0, np.sqrt(np.maximum(squares, 0.0)) + depth, np.inf)
 
+        self.wanted()
         best, value, step = center, excess(center[None])[0], 0.5 * self.limit
         while step > FINEST_STEP:
             values = excess(best + step * STEPS)

@@ -8,9 +8,7 @@ link by link.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +25,7 @@ from energyopt.geometry.shapes.round import ball_points
 from energyopt.geometry.values import non_negative, positive
 from energyopt.robots.messages import shown
 from energyopt.robots.model import RobotModel
+from energyopt.threads import Wanted, always_wanted, side_by_side
 
 RESOLUTION = 0.02
 """Default of how far a sphere may stick out of its link [m]: about 100 spheres on a Panda."""
@@ -155,17 +154,17 @@ def _covered_links(robot: RobotModel, resolution: float, attached: Sequence[Atta
     groups: dict[str, list[Body]] = {}
     for body in collision_bodies(robot, attached):
         groups.setdefault(body.link, []).append(body)
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        # The largest first, so that no thread ends with it alone.
-        jobs = {link: pool.submit(_cover_link, bodies, resolution) for link, bodies in sorted(groups.items(), key=_size)}
-        return [jobs[link].result() for link in groups]
+    order = sorted(groups.items(), key=_size)  # the largest first, so that no thread ends with it alone
+    covers = side_by_side(lambda item, wanted: _cover_link(item[1], resolution, wanted), order)
+    found = dict(zip((link for link, _ in order), covers, strict=True))
+    return [found[link] for link in groups]
 
 
 def _size(item: tuple[str, Sequence[Body]]) -> float:
     return -sum(body.shape.bounding_radius for body in item[1])
 
 
-def _cover_link(bodies: Sequence[Body], resolution: float) -> _LinkBalls:
+def _cover_link(bodies: Sequence[Body], resolution: float, wanted: Wanted) -> _LinkBalls:
     """Cover one link in the frame of its first body: so a link has the same cover, and the same key in the cache, whatever
     joint it is fixed to and whichever joints are locked."""
     frame = bodies[0].shape.pose
@@ -174,8 +173,8 @@ def _cover_link(bodies: Sequence[Body], resolution: float) -> _LinkBalls:
     key = digest(VERSION, repr(limit), *(part for shape in shapes for part in _outline(shape)))
 
     def compute() -> Arrays:
-        cover = cover_bodies(shapes, limit)
-        quality = np.array([mean_excess(cover, shapes), cover.excess.max(initial=0.0), cover.protrusion])
+        cover = cover_bodies(shapes, limit, wanted)
+        quality = np.array([mean_excess(cover, shapes, wanted), cover.excess.max(initial=0.0), cover.protrusion])
         return {"center": cover.centers, "radius": cover.radii, "quality": quality}
 
     arrays = cached_arrays("cover", key, compute, _is_cover)
@@ -203,7 +202,7 @@ def _link_resolution(shapes: Sequence[Shape], fixed: bool, resolution: float) ->
     return round(limit, 6)
 
 
-def mean_excess(cover: Cover, shapes: Sequence[Shape]) -> float:
+def mean_excess(cover: Cover, shapes: Sequence[Shape], wanted: Wanted = always_wanted) -> float:
     """Mean distance [m] from the bodies of the outer surface of their balls, over some 250 directions a ball."""
     unit = ball_points(1.0)
     unit = unit / np.linalg.norm(unit, axis=1)[:, None]
@@ -215,7 +214,7 @@ def mean_excess(cover: Cover, shapes: Sequence[Shape]) -> float:
     outer = ~buried
     if not outer.any():
         return 0.0
-    return float(np.average(np.maximum(union_distance(shapes, points[outer]), 0.0), weights=weight[outer]))
+    return float(np.average(np.maximum(union_distance(shapes, points[outer], wanted), 0.0), weights=weight[outer]))
 
 
 def _check_attached(robot: RobotModel, attached: Sequence[Attached]) -> None:

@@ -23,8 +23,14 @@ def solve(
 ) -> SolverResult:
     """Minimise a program from ``x0``; ``stop`` ends the solve, with the iterate kept, within a tenth of a second.
 
+    A solve that had come to its end by then is INTERRUPTED too: whoever asked for an end wants none of what comes next.
     ``progress`` may be called in another thread, where ``stop`` is given; what it raises ends the solve, and is raised again.
     """
+    result = _solved(program, x0, options, progress, stop)
+    return replace(result, outcome=Outcome.INTERRUPTED, reason="interrupted") if stop is not None and stop() else result
+
+
+def _solved(program, x0: np.ndarray, options: SolverOptions, progress: Progress | None, stop: Callable[[], bool] | None):
     ours = interior.solve(program, x0, options, progress, stop)
     if ours is not None and (ours.outcome in _ENDS or ours.iterations >= options.iterations):
         return ours
