@@ -25,6 +25,7 @@ All this looks at the neighbourhood of one motion: other optima are not compared
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heapify, heappop, heapreplace
 
 import numpy as np
 
@@ -170,15 +171,19 @@ def refine(space: SplineSpace, cost: np.ndarray, share: float, shortest: float =
         shortest: no part becomes shorter than this [s].
     """
     breaks, shortest = space.breaks, max(shortest, LEAST_SPAN * space.duration)
-    width, parts, left = np.diff(breaks), np.ones(len(cost), int), np.array(cost, float)
-    target = float(np.clip(share, *PROGRESS)) * left.sum()
-    while left.sum() > target:
-        can = (parts < MOST_PARTS) & (width / parts / 2 >= shortest) & (left > 0)
-        if not can.any():
-            break
-        worst = np.argmax(np.where(can, left / parts, 0.0))
-        parts[worst] *= 2
-        left[worst] *= RATE
+    width, parts, total = np.diff(breaks), np.ones(len(cost), int), float(np.sum(cost))
+    target = float(np.clip(share, *PROGRESS)) * total
+    queue = [(-float(left), k) for k, left in enumerate(cost) if left > 0 and width[k] / 2 >= shortest]  # by cost a part
+    heapify(queue)
+    while total > target and queue:
+        worst, k = queue[0]
+        left = -worst * parts[k]
+        parts[k] *= 2
+        total -= (1.0 - RATE) * left
+        if parts[k] < MOST_PARTS and width[k] / parts[k] / 2 >= shortest:
+            heapreplace(queue, (-RATE * left / parts[k], k))
+        else:
+            heappop(queue)
     inner = [breaks[k] + width[k] * np.arange(1, parts[k]) / parts[k] for k in range(1, len(cost) - 1)]
     ends = np.array([breaks[0] + END_SPLIT * width[0], breaks[-1] - END_SPLIT * width[-1]])
     return space.refined(np.concatenate([*inner, ends[END_SPLIT * width[[0, -1]] >= shortest]]))

@@ -123,3 +123,17 @@ def test_ipopt_takes_the_same_way_with_our_solver_as_with_mumps(seed, monkeypatc
     assert ours.iterations == reference.iterations
     assert ours.objective == pytest.approx(reference.objective, rel=1e-9)
     assert np.allclose(ours.x, reference.x, atol=1e-5)
+
+
+@needs_compiler
+def test_what_stood_in_the_work_array_before_does_not_matter():
+    """IPOPT hands over memory as it comes: it may hold the structure of an earlier solve of the same pattern, in part."""
+    rng = np.random.default_rng(7)
+    rows, columns, values = kkt_entries(rng, 12, 5)
+    right, matrix = rng.normal(size=22), dense_matrix(22, rows, columns, values)
+    before, after = Ma27(22, rows, columns), Ma27(22, rows, columns)
+    before.factor(values)
+    after.integers[:] = before.integers
+    after.integers[10:] = rng.integers(0, 1000, len(after.integers) - 10)
+    assert after.factor(values) == np.sum(np.linalg.eigvalsh(matrix) < 0)
+    assert np.allclose(matrix @ after.solve(right), right, atol=1e-8 * np.abs(right).max())

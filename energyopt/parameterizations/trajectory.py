@@ -118,7 +118,8 @@ class SplineTrajectory(Trajectory):
     def __init__(self, knots: np.ndarray, coefficients: np.ndarray, degree: int):
         self.spline = ScipySpline(np.asarray(knots, float), np.asarray(coefficients, float), degree)
         self.degree = degree
-        self.breaks = np.unique(self.spline.t)
+        knots = self.spline.t
+        self.breaks = knots[np.append(True, knots[1:] > knots[:-1])]
         self.duration = float(self.breaks[-1])
         self.nv = self.spline.c.shape[1]
         self._derivatives = {0: self.spline}
@@ -130,8 +131,8 @@ class SplineTrajectory(Trajectory):
     def _evaluate(self, t: np.ndarray, order: int) -> np.ndarray:
         if order > self.degree:
             return np.zeros((t.size, self.nv))
-        if order not in self._derivatives:
-            self._derivatives[order] = self.spline.derivative(order)
+        for k in range(len(self._derivatives), order + 1):
+            self._derivatives[k] = _slope(self._derivatives[k - 1])
         return self._derivatives[order](t)
 
     def polynomial_pieces(self) -> tuple[np.ndarray, np.ndarray]:
@@ -223,6 +224,15 @@ class SinusoidTrajectory(Trajectory):
             "sine": self.sine,
             "cosine": self.cosine,
         }
+
+
+def _slope(spline: ScipySpline) -> ScipySpline:
+    """The derivative of a spline: p (c_{j+1} − c_j) / (t_{j+p+1} − t_{j+1}), zero where knots of that multiplicity coincide."""
+    t, c, p = spline.t, spline.c, spline.k
+    width = (t[p + 1 : -1] - t[1 : -p - 1])[:, None]
+    return ScipySpline.construct_fast(
+        t[1:-1], np.diff(c, axis=0) * np.divide(p, width, out=np.zeros_like(width), where=width > 0), p - 1
+    )
 
 
 def _stretched_times(times: np.ndarray, duration: float) -> np.ndarray:

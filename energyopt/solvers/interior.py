@@ -27,10 +27,10 @@ SLICE = 0.02
 """Seconds between two looks at whether an end is wanted."""
 SWIFT = 1000
 """Unknowns up to which an iteration takes a few milliseconds, where no Python runs in it."""
-WARM = 1e-2
+WARM = 1e-3
 """Least initial barrier parameter where no multipliers are known. From good starts, given with smaller ones, steps with
 predictor and corrector lower it at their own pace, in fewer iterations than from below, where limits that cease to hold are left
-slowly: 11 on knots just refined from 0.01 (and from 0.1), 13 from 0.001."""
+slowly."""
 PUSH, TRUSTED = 1e-2, 10.0
 """Share of an interval by which the start is moved away from its ends, and the same over the barrier parameter where that is
 small: such a start is nearly optimal, and often stands on its limits."""

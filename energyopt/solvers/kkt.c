@@ -11,25 +11,20 @@
    Positive Definite Systems", 1981, ch. 4). No pivots are exchanged; the signs of all pivots give the inertia by which IPOPT
    corrects H, and IPOPT refines the solutions. Equality rows would need pivoting: programs that have some use MUMPS.
 
-   The structure is found from the pattern and kept in the integer work array between factorizations. */
+   The structure is found from the pattern at the first factorization after an analysis, and kept in the integer work array from
+   then on. That array comes uninitialised; whether it has been written is told by the first number of IKEEP, which IPOPT hands on. */
 
 #include <math.h>
 #include <string.h>
 
-#define MAGIC 0x656f6b6b
-enum { TAG, HASH, ENTRIES, SIZE, UNKNOWNS, PAIRS, PROFILE, ROW_NONZEROS, HEADER };
+enum { ANALYSED, LAID_OUT }; /* ikeep[0] */
+enum { ENTRIES, UNKNOWNS, PAIRS, PROFILE, ROW_NONZEROS, HEADER };
 /* then: first[n] start[n] row_start[m + 1] row_column[row nonzeros] target[entries] */
 
 typedef struct {
   int n, m, profile, row_nonzeros;
   int *first, *start, *row_start, *row_column, *target;
 } Shape;
-
-static int hash_pattern(int nz, const int *row, const int *column) {
-  unsigned h = 2166136261u;
-  for (int e = 0; e < nz; ++e) h = (h ^ (unsigned)row[e]) * 16777619u, h = (h ^ (unsigned)column[e]) * 16777619u;
-  return (int)(h & 0x7fffffff);
-}
 
 static Shape shape_in(int *iw) {
   Shape s;
@@ -90,8 +85,7 @@ static int analyse(int size, int nz, const int *row, const int *column, int *wor
   *profile = s.profile + s.n + s.row_nonzeros + 3 * s.m + s.n;
   const int needed = HEADER + 2 * s.n + s.m + 1 + s.row_nonzeros + nz;
   if (!iw) return needed;
-  iw[TAG] = MAGIC, iw[HASH] = hash_pattern(nz, row, column), iw[ENTRIES] = nz, iw[SIZE] = size;
-  iw[UNKNOWNS] = s.n, iw[PAIRS] = s.m, iw[PROFILE] = s.profile, iw[ROW_NONZEROS] = s.row_nonzeros;
+  iw[ENTRIES] = nz, iw[UNKNOWNS] = s.n, iw[PAIRS] = s.m, iw[PROFILE] = s.profile, iw[ROW_NONZEROS] = s.row_nonzeros;
   s = shape_in(iw);
   int at = 0;
   for (int i = 0; i < s.n; ++i) s.first[i] = first[i], s.start[i] = at - first[i], at += i - first[i];
@@ -143,24 +137,25 @@ void ma27ad_(const int *N, const int *NZ, const int *row, const int *column, int
              int *steps, const int *flag, const int *icntl, const double *cntl, int *info, double *ops) {
   int work[5 * *N], profile = 0;
   const int needed = analyse(*N, *NZ, row, column, work, 0, &profile);
-  (void)iw, (void)liw, (void)ikeep, (void)iw1, (void)flag, (void)icntl, (void)cntl;
+  (void)iw, (void)liw, (void)iw1, (void)flag, (void)icntl, (void)cntl;
   memset(info, 0, 20 * sizeof *info);
-  *steps = 1, *ops = 0.0;
+  *steps = 1, *ops = 0.0, ikeep[0] = ANALYSED;
   info[0] = needed ? 0 : -1;
   info[4] = *NZ + profile, info[5] = needed;
 }
 
 void ma27bd_(const int *N, const int *NZ, const int *row, const int *column, double *a, const int *la, int *iw, const int *liw,
              int *ikeep, int *steps, int *front, int *iw1, const int *icntl, const double *cntl, int *info) {
-  (void)ikeep, (void)steps, (void)iw1, (void)icntl, (void)cntl;
+  (void)steps, (void)iw1, (void)icntl, (void)cntl;
   memset(info, 0, 20 * sizeof *info);
   *front = *N;
-  if (!(iw[TAG] == MAGIC && iw[ENTRIES] == *NZ && iw[SIZE] == *N && iw[HASH] == hash_pattern(*NZ, row, column))) {
+  if (ikeep[0] != LAID_OUT) {
     int work[5 * *N], profile = 0;
     const int needed = analyse(*N, *NZ, row, column, work, 0, &profile);
     if (needed > *liw) { info[0] = -3, info[1] = needed; return; }
     if (*NZ + profile > *la) { info[0] = -4, info[1] = *NZ + profile; return; }
     analyse(*N, *NZ, row, column, work, iw, &profile);
+    ikeep[0] = LAID_OUT;
   }
   const Shape s = shape_in(iw);
   double *values = a + *NZ, *d = values + s.profile, *rows = d + s.n;

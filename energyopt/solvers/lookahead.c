@@ -57,8 +57,8 @@ static void find_active(const Point *p, const double *size, Active *a) {
 static void find_profile(const Point *p, const double *size, const Active *a, long *first) {
   for (long j = 0; j < p->n; ++j) {
     first[j] = j;
-    for (int e = p->hess_start[j]; e < p->hess_start[j + 1] && first[j] == j && size[j] != 0.0; ++e)
-      if (size[p->hess_row[e]] != 0.0 && p->hess_row[e] < j) first[j] = p->hess_row[e];
+    for (int e = p->hess_start[j]; e < p->hess_start[j + 1] && size[j] != 0.0; ++e)
+      if (size[p->hess_row[e]] != 0.0 && p->hess_row[e] < first[j]) first[j] = p->hess_row[e];
   }
   for (long r = 0; r < p->m; ++r) {
     long low = -1;

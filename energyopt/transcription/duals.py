@@ -1,7 +1,7 @@
-"""Multipliers kept from one solve for the next on the same knots: of bounds, linear rows, torque rows and clearance rows.
+"""Multipliers kept from one solve for the next on the same knots: of bounds, of linear rows and of torque rows.
 
-Rows that were added since start with none. A solve that starts at the optimum of the last one, with its multipliers, has
-nothing to do but what the new rows ask for.
+Torque rows that were added since start with none. A solve that starts at the optimum of the last one, with its multipliers, has
+nothing to do but what the new rows ask for. (With the stiff penalties of clearance it took more iterations than without.)
 """
 
 from __future__ import annotations
@@ -21,42 +21,36 @@ class Duals:
 
     Attributes:
         bounds: of the unknowns, (n,); linear: of the linear rows; others: of rows such as those of a Cartesian goal.
-        torque, clearance: by the keys of `Cuts`.
+        torque: by the keys of `Cuts.torque` and `Cuts.rates`.
     """
 
     bounds: np.ndarray
     linear: np.ndarray
     others: np.ndarray
     torque: dict
-    clearance: dict
 
     @classmethod
     def of(cls, program: NonlinearProgram, cuts: Cuts, result: SolverResult) -> Duals | None:
         """Those that a solve ended with; None where the solver does not tell."""
         if result.bound_multipliers is None:
             return None
-        (linear, torque, others, clearance), (first, second) = _parts(program, cuts, result.multipliers), _keys(program, cuts)
-        pairs = zip(first, torque, strict=True), zip(second, clearance, strict=True)
-        return cls(result.bound_multipliers, linear, others, *map(dict, pairs))
+        linear, torque, others = _parts(program, result.multipliers)
+        return cls(result.bound_multipliers, linear, others, dict(zip(_keys(cuts), torque, strict=True)))
 
     def to(self, program: NonlinearProgram, cuts: Cuts) -> tuple[np.ndarray, np.ndarray] | None:
         """As `SolverOptions.multipliers` of another program on the same knots; None where the two do not match."""
-        linear, _, others, _ = _parts(program, cuts, np.zeros(program.rows))
+        linear, _, others = _parts(program, np.zeros(program.rows))
         if program.size != len(self.bounds) or len(linear) != len(self.linear) or len(others) != len(self.others):
             return None
-        first, second = _keys(program, cuts)
-        torque, clearance = [self.torque.get(key, 0.0) for key in first], [self.clearance.get(key, 0.0) for key in second]
-        return np.concatenate([self.linear, torque, self.others, clearance]), self.bounds
+        torque = [self.torque.get(key, 0.0) for key in _keys(cuts)]
+        return np.concatenate([self.linear, torque, self.others]), self.bounds
 
 
-def _keys(program: NonlinearProgram, cuts: Cuts) -> tuple[list, list]:
-    """Of the rows of torques and rates, and of clearance, in the program's order."""
-    torque = [*sorted(cuts.torque), *sorted(cuts.rates)]
-    fixed = len(program.layout.linear.lower) + len(torque)
-    return torque, sorted(cuts.clearance) if program.rows >= fixed + len(cuts.clearance) else []
+def _keys(cuts: Cuts) -> list[tuple]:
+    """Of the rows of torques and rates, in the program's order."""
+    return [*sorted(cuts.torque), *sorted(cuts.rates)]
 
 
-def _parts(program: NonlinearProgram, cuts: Cuts, multipliers: np.ndarray) -> list[np.ndarray]:
-    torque, clearance = _keys(program, cuts)
+def _parts(program: NonlinearProgram, multipliers: np.ndarray) -> list[np.ndarray]:
     linear = len(program.layout.linear.lower)
-    return np.split(multipliers, [linear, linear + len(torque), len(multipliers) - len(clearance)])
+    return np.split(multipliers, [linear, linear + len(program.layout.torque.lower)])

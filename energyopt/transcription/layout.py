@@ -123,14 +123,14 @@ def _hessian_pattern(local_block: np.ndarray, count: int, nv: int):
     changes = np.any(local_block[1:] != local_block[:-1], axis=1)  # samples of one span touch the same blocks
     known = local_block[np.flatnonzero(np.append(True, changes))] if len(local_block) else local_block
     first, second = np.broadcast_arrays(known[:, :, None], known[:, None, :])
-    pairs = np.unique(second[(first >= 0) & (first <= second)] * np.int64(count) + first[(first >= 0) & (first <= second)])
-    b, a = np.divmod(pairs, max(count, 1))
+    kept = (first >= 0) & (first <= second)
+    b, a = np.divmod(np.unique(second[kept] * np.int64(count) + first[kept]), max(count, 1))
     begin = np.searchsorted(b, np.arange(count + 1))
-    place = np.full((count, count), -1)
+    place = np.full((count, count), -1, np.intc)
     place[a, b] = (np.arange(len(b)) - begin[b]) * nv
     # Block B's j-th column holds the blocks before B, whole, and of B itself, which is the last, j + 1 rows.
-    length = np.maximum(np.diff(begin)[:, None] * nv + np.arange(1 - nv, 1), 0)
-    start = np.concatenate([[0], np.cumsum(length)])
-    column = np.repeat(np.arange(count * nv), length.ravel())
-    block, row = np.divmod(np.arange(start[-1]) - start[column], nv)
-    return start, a[begin[column // nv] + block] * nv + row, place
+    length = np.maximum(np.diff(begin)[:, None] * nv + np.arange(1 - nv, 1), 0).ravel()
+    start = np.concatenate([[0], np.cumsum(length)]).astype(np.intc)
+    whole = (a[:, None] * nv + np.arange(nv)).ravel()  # the rows of each pair; a column is a part of them
+    from_ = np.repeat((np.repeat(begin[:-1], nv) * nv - start[:-1]).astype(np.intc), length)
+    return start, whole.astype(np.intc)[np.arange(start[-1], dtype=np.intc) + from_], place

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,11 +13,15 @@ from energyopt.costs.cost import SquaredTerm
 from energyopt.dynamics.kernels import Kernels
 from energyopt.parameterizations.space import BoundaryState, MotionSpace, Unknowns
 from energyopt.parameterizations.trajectory import Trajectory
-from energyopt.problem import Problem
+from energyopt.problem import FramePose, Problem
 from energyopt.transcription.clearance import ClearanceTerms
 from energyopt.transcription.cuts import Cuts
 from energyopt.transcription.evaluators import make_evaluator
-from energyopt.transcription.extras import ExtendedEvaluator, JerkCost, TimePrice, extra_rows
+from energyopt.transcription.extended import ExtendedEvaluator
+from energyopt.transcription.extra_costs import JerkCost, TimePrice
+from energyopt.transcription.extras import ExtraRows
+from energyopt.transcription.frame_goal import FrameGoal
+from energyopt.transcription.free_waypoints import FreeWaypoints
 from energyopt.transcription.layout import Layout, make_layout
 from energyopt.transcription.linear import linear_rows
 from energyopt.transcription.stage_costs import StageCosts
@@ -133,7 +138,7 @@ def transcribe(
     layout = make_layout(space, unknowns, linear, torque, squares)
     patterns = (layout.jac_start, layout.jac_row), (layout.hess_start, layout.hess_row)
     base = evaluator = make_evaluator(layout, kernels, costs)
-    extras = [*extra_rows(problem, space, unknowns), *(JerkCost(term, space, unknowns, parts) for term in jerks)]
+    extras = [*_extra_rows(problem, space, unknowns), *(JerkCost(term, space, unknowns, parts) for term in jerks)]
     if price and free is not None:
         extras.append(TimePrice(price, space))
     if clearance is not None and (terms := clearance(space, unknowns, cuts)) is not None:
@@ -154,10 +159,21 @@ def transcribe(
     )
 
 
+def _extra_rows(problem: Problem, space: MotionSpace, unknowns: Unknowns) -> list[ExtraRows]:
+    """The extra constraints a problem needs in a motion space, but for clearance, which depends on the motion so far."""
+    nv, extras = problem.robot.nv, []
+    if isinstance(problem.goal, FramePose):
+        extras.append(FrameGoal(problem.robot, problem.goal, unknowns.goal * nv))
+    if any(w.time is None for w in problem.waypoints):
+        extras.append(FreeWaypoints(problem.waypoints, space, unknowns, unknowns.count * nv))
+    return extras
+
+
 AT_REST = Samples(*np.zeros((5, 1, 1)))
 """One sample, for terms that depend on nothing."""
 
 
+@lru_cache(maxsize=8)
 def split_costs(problem: Problem) -> tuple[tuple[np.ndarray, np.ndarray], StageCosts | None, list[CostTerm], float]:
     """The problem's cost terms as: weights of τ² (nv,) and of (q², q̇², q̈²) (3 nv,); what is more than squares of these, or None;
     those of the jerk; and the price of a second, which matters where the duration is free."""

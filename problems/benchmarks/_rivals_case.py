@@ -22,7 +22,7 @@ RIVALS = {
     "quintic": ("_rival_own", "Quintic"),
     "energyopt": ("_rival_own", "Ours"),
     "energyopt_tighter": ("_rival_own", "OursTighter"),
-    "energyopt_8_starts": ("_rival_own", "OursFromManyStarts"),
+    "energyopt_default": ("_rival_own", "OursByDefault"),
     "hermite_simpson": ("_rival_hermite_simpson", "HermiteSimpson"),
     "textbook": ("_rival_textbook", "Splines"),
     "crocoddyl": ("_rival_crocoddyl", "Fddp"),

@@ -22,8 +22,8 @@ from _rivals_text import goals, text, write_page
 from _shared import Report, machine, parser, publish, settings
 
 MEASURES = "processor seconds, J and held limits of energyopt and of other ways to plan, on the same random moves"
-OURS = ("energyopt", "energyopt_tighter")
-NO_RIVAL = ("quintic", "energyopt_8_starts", *OURS)
+OURS = ("energyopt", "energyopt_tighter", "energyopt_default")
+NO_RIVAL = ("quintic", *OURS)
 QUALITY = 1.005
 """J over the best rival's up to which a motion counts as one of that quality."""
 FOLDER = Path(__file__).resolve().parent
