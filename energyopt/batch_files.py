@@ -117,30 +117,31 @@ def plan_files(
     """
     if out is not None:
         prepare_folder(out, TABLES)
+        versions()  # not to be looked up only after Ctrl-C, when the tables are written
     tasks = _tasks(files)
     place = Place.of(None, processes, len(tasks))
-    try:
-        with Interrupts() as interrupted, place.open() as executor, told(progress, len(tasks)) as count:
+    with Interrupts() as interrupted, place.open() as executor, told(progress, len(tasks)) as count:
 
-            def ended(job: Job) -> None:
-                with interrupted.held():
-                    _finish(job, out)
-                if interrupted():
-                    raise KeyboardInterrupt
-                count(job.item.row.valid)
+        def ended(job: Job) -> None:
+            with interrupted.held():
+                _finish(job, out)
+            if interrupted():
+                raise KeyboardInterrupt
+            count(job.item.row.valid)
 
+        try:
             for job in in_order(tasks, partial(_submit, executor, overrides, replay), place.window, ended):
                 _finish(job, out)
                 count.clear()
                 show(job.item.row)
-    except Interrupted as interrupt:
-        for job in interrupt.jobs:
-            _finish(job, out)
-        raise
-    finally:
-        rows = [task.row or _unreached(task) for task in tasks]
-        if out is not None:
-            _write_tables(rows, out)
+        except Interrupted as interrupt:
+            for job in interrupt.jobs:
+                _finish(job, out)
+            raise
+        finally:  # before the processes end, which may take longer than the command line has after Ctrl-C
+            rows = [task.row or _unreached(task) for task in tasks]
+            if out is not None:
+                _write_tables(rows, out)
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib import metadata
 
 from energyopt import __version__
@@ -12,6 +13,12 @@ LIBRARIES = ("casadi", "pin", "mujoco", "numpy", "scipy", "matplotlib", "example
 
 def versions() -> dict[str, str]:
     """By name: energyopt, Python, and those of `LIBRARIES` that are installed."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Looked up once: that takes longer than planning a small problem."""
     found = {"energyopt": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
