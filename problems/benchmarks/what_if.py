@@ -1,8 +1,8 @@
 """What-if: a re-solve of a changed problem against a plan of it from scratch.
 
 Each random move is planned once, with a payload of 1 kg, as the base of a session (`energyopt.what_if`). Every change is then
-solved by the session and by `energyopt.plan`, in alternation, both with the independent check; every re-solve starts from the
-plan of the base. Times are processor time; J is compared because the two may end in different optima.
+solved by the session and by `energyopt.plan`, in alternation, both with the independent check; a re-solve starts from the last plan
+of the session. Times are processor time; J is compared because the two may end in different optima.
 """
 
 from __future__ import annotations
@@ -53,21 +53,20 @@ def _session(problem: eo.Problem, repeats: int) -> list[dict]:
     base = eo.plan(eo.what_if_problem(problem, mass=1.0), starts=1, throw=False)
     if not base.solved:
         return []
-    found = []
+    found, session = [], eo.what_if(base)
     for kind, several in changes(problem).items():
         for change in several:
             change = {"mass": 1.0} | change
             try:
                 asked = eo.what_if_problem(problem, **change)
-                pairs = [_pair(base, asked) for _ in range(repeats)]
+                pairs = [_pair(session, asked) for _ in range(repeats)]
             except eo.InputError:  # too fast, or too heavy, for any motion
                 continue
             found.append({"name": problem.name, "kind": kind} | _least(pairs))
     return found
 
 
-def _pair(base: eo.Plan, asked: eo.Problem) -> dict:
-    session = eo.what_if(base)
+def _pair(session: eo.WhatIf, asked: eo.Problem) -> dict:
     began = time.process_time()
     again = session.solve_problem(asked, throw=False)
     between = time.process_time()
