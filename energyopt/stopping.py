@@ -17,7 +17,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-INTERRUPTED = 130
+from energyopt.exit_codes import INTERRUPTED
+
 PATIENCE = 0.33
 """Seconds from the signal to the end for whoever has something left to save."""
 WRITING = 0.1

@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "clusters enduring errors messages ordered pool progress stopping threads versions workers",
+    "clusters enduring errors exit_codes messages ordered pool progress stopping threads versions workers",
     "actuators dynamics",
     "robots",
     "geometry",
@@ -30,6 +30,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "plots plotting report report_energy report_parts report_problem report_scene",
     "workflow batch_files robust_workflow sweep_files",
     "tables",
+    "cli_parser cli_commands",
     "cli",
     "__main__",
 )

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import energyopt as eo
-from energyopt.cli import _parser, main
+from energyopt.cli import main
+from energyopt.cli_parser import make_parser
 from energyopt.io import catalogue_problems, load_task
 from energyopt.plans import Status
 from energyopt.verification import RELATIVE_TOLERANCES, TOLERANCES
@@ -109,7 +110,7 @@ def test_modules_of_the_concepts_page_are_those_of_the_package():
 
 def test_every_option_of_the_command_line_is_documented_and_no_other():
     text = TEXT["command_line.md"]
-    commands = next(a for a in _parser()._actions if hasattr(a, "choices") and a.choices).choices
+    commands = next(a for a in make_parser()._actions if hasattr(a, "choices") and a.choices).choices
     for name, parser in commands.items():
         assert f"## energyopt {name}" in text
         part = text.split(f"## energyopt {name}")[1].split("\n## ")[0]
