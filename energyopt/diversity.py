@@ -95,9 +95,10 @@ def diverse(problem: Problem, targets: list[np.ndarray], seed: int, kernels: Ker
         yield Guess(f"{guess.name} {number + 1}", guess.motion, guess.goal)
 
 
-def hops(problem: Problem, bases: list[Guess], seed: int) -> Iterator[Guess]:
-    """Changed optima, for ever: two of three from the first, the best, and others from the second where there is one."""
-    for number in count():
+def hops(problem: Problem, bases: list[Guess], seed: int, first: int = 0) -> Iterator[Guess]:
+    """Changed optima, for ever, from the number ``first`` on: two of three of the first base, the best, and others of the second
+    where there is one."""
+    for number in count(first):
         base = bases[1 if number % 3 == 2 and len(bases) > 1 else 0]
         rng = np.random.default_rng([seed, 1, number])
         joints, spread = HOPS[number % len(HOPS)]

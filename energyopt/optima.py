@@ -24,7 +24,8 @@ class Optimum:
 
     Attributes:
         objective: J by the program's own quadrature on the knots that all guesses begin with, so that optima compare; only the
-            best ones are refined, which lowers J by up to some 10 %.
+            best ones are refined, which lowers J by some 10 %, now and then by more. Where links of the arm had to be kept apart,
+            with the penalty that does it; optima that cost more even without are left as they are.
         guess: name of the first guess that led to it; guesses: how many did.
         seed: of the guesses.
         trajectory: the motion on those knots.
@@ -42,20 +43,25 @@ class Optimum:
         return {key: getattr(self, key) for key in ("objective", "guess", "guesses", "seed")}
 
 
+def place(motion: Trajectory) -> np.ndarray:
+    """Where a motion is at even steps of its duration [rad or m], (SAMPLES, nv)."""
+    return motion(np.linspace(0.0, motion.duration, SAMPLES))
+
+
 def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
     """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first."""
     kept: list[tuple[float, str, Trajectory]] = []
     places: list[np.ndarray] = []
     counts: list[int] = []
     for objective, name, motion in found:
-        place = motion(np.linspace(0.0, motion.duration, SAMPLES))
+        there = place(motion)
         for k, (other, _, _) in enumerate(kept):
-            if abs(objective - other) <= SAME_OBJECTIVE * abs(other) and np.abs(place - places[k]).max() <= SAME_PLACE:
+            if abs(objective - other) <= SAME_OBJECTIVE * abs(other) and np.abs(there - places[k]).max() <= SAME_PLACE:
                 counts[k] += 1
                 break
         else:
             kept.append((objective, name, motion))
-            places.append(place)
+            places.append(there)
             counts.append(1)
     optima = [Optimum(*item[:2], number, seed, item[2]) for item, number in zip(kept, counts, strict=True)]
     return tuple(sorted(optima, key=lambda optimum: optimum.objective))

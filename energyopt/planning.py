@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 
 from energyopt.arguments import check_guess, check_planning
 from energyopt.avoidance import unchecked
-from energyopt.campaign import Campaign, Parameterization
+from energyopt.campaign import Campaign
 from energyopt.costs import smoothing_notes
 from energyopt.dynamics.compiler import why_interpreted
 from energyopt.dynamics.kernels import kernels_of
@@ -22,6 +22,7 @@ from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.search import Progress, Search, SearchOptions
+from energyopt.searcher import Parameterization
 from energyopt.solvers import Interrupts, Outcome
 from energyopt.threads import single_thread
 from energyopt.verification import cost, describe, is_valid, verify
@@ -67,7 +68,7 @@ def plan(
         problem: what is asked.
         parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
         starts: initial guesses to try; the best verified motion is returned, and `Plan.optima` lists all they led to. By default
-            20 for splines where nothing stands around and kernels are compiled; otherwise 1, another where obstacles make the
+            64 for splines where nothing stands around and kernels are compiled; otherwise 1, another where obstacles make the
             motion much dearer, and one a goal configuration (4 at most) where the goal is Cartesian. 1 is a single local search,
             from the straight motion. Further guesses are tried where none of them leads to a valid motion.
         seed: of the random guesses.
@@ -146,13 +147,13 @@ def planned(
 def finished_plan(campaign: Campaign, search: Search, compile_s: float, settings: dict) -> Plan:
     """The plan of a search, with the verdict on its motion; ``settings``: the options that were used."""
     stopped = search.outcome is Outcome.INTERRUPTED
-    violations = verify(search.problem, search.trajectory, **QUICK) if stopped else campaign.verdict(search)
+    violations = verify(search.problem, search.trajectory, **QUICK) if stopped else campaign.judge.verdict(search)
     terms = cost(search.problem, search.trajectory)
     status = _STATUS.get(search.outcome) or (Status.SOLVED if is_valid(violations) else Status.LIMITS_VIOLATED)
     message, spent = _SENTENCE[status], search.spent
     if status is not Status.SOLVED:
-        unseen = "; contact not looked for" if stopped and campaign.avoidance is not None else ""
-        message = f"{message} ({describe(violations)}{unseen}; {_tried(campaign.tried, campaign.missed)})"
+        unseen = "; contact not looked for" if stopped and campaign.searcher.avoidance is not None else ""
+        message = f"{message} ({describe(violations)}{unseen}; {_tried(campaign.found.names, campaign.attempts.missed)})"
     return Plan(
         problem=search.problem,
         status=status,
@@ -163,12 +164,12 @@ def finished_plan(campaign: Campaign, search: Search, compile_s: float, settings
         violations=violations,
         discretization_error=search.error,
         iterations=spent.iterations,
-        time_s={"compile": compile_s, "guess": campaign.guess_s, "build": spent.build_s, "solve": spent.solve_s,
-                "verify": campaign.verify_s},
+        time_s={"compile": compile_s, "guess": campaign.attempts.seconds, "build": spent.build_s, "solve": spent.solve_s,
+                "verify": campaign.judge.seconds},
         seed=campaign.seed,
-        options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.tried),
-                            "clearance_rows": len(search.cuts.clearance), "tried": [*campaign.tried, *campaign.missed],
-                            "guess": search.name,
+        options=settings | {"levels": search.levels, "torque_rows": len(search.cuts.torque), "guesses": len(campaign.found.names),
+                            "clearance_rows": len(search.cuts.clearance), "guess": search.name,
+                            "tried": [*campaign.found.names, *campaign.attempts.missed],
                             "evaluations": search.evaluations, "solver": search.solver},
         notes=_notes(campaign, search),
         optima=campaign.optima,

@@ -64,6 +64,8 @@ HARD, HARD_BAND = 40.0, 4e-4
 """How much stiffer the hinge is at the end, and the distance [m] at which it begins then."""
 ROUGH_TOLERANCE = 1e-6, 1e-3
 """Of solves with a penalty, which is no exact thing itself: as a share of the guess's J, and at most."""
+SKETCH_TOLERANCE = 1e-6, 1e-2
+"""The same of a first look."""
 DEAR = 1e-3
 """What a penalty may cost, as a share of J, where no accuracy is asked for."""
 CHANGED = 1e-2
@@ -122,6 +124,7 @@ class Search:
         promise: what finer knots promise; error: estimated relative distance of J to the continuous optimum near this motion.
         durations: bounds of the duration [s], where it is free; `problem` is then the problem at the duration reached.
         warm: whether the guess is nearly optimal, on knots made for it.
+        sketch: whether a first look is enough, with fewer samples of the penalty and larger tolerances.
         ready: a program made already for the next round.
         spent: shared with other searches of the same plan, and with copies.
     """
@@ -147,6 +150,7 @@ class Search:
     hard: bool = False
     durations: tuple[float, float] | None = None
     warm: bool = False
+    sketch: bool = False
     spent: Spent = field(default_factory=Spent)
     rounds: int = 0
     levels: int = 0
@@ -219,6 +223,14 @@ class Search:
         self._solve_rounds(NEAR_BARRIER)
         self.levels, self.promise, self.error = 1, None, None
         self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
+        return self.converged
+
+    def keep_apart(self) -> bool:
+        """Solve once more, on the same knots, with the penalty that the motion was found without; a first look."""
+        started = time.perf_counter()
+        self.stiffness, self.sketch = 1, True
+        self._solve_rounds(WARM_BARRIER)
+        self.spent.solve_s += time.perf_counter() - started
         return self.converged
 
     def reaches(self, accuracy: float) -> bool:
@@ -372,7 +384,7 @@ class Search:
             return None
         samples = (np.zeros(0), np.zeros(0))
         if self.stiffness or self.avoidance.scene.potential is not None:
-            samples = penalty_samples(self.avoidance, self.trajectory)
+            samples = penalty_samples(self.avoidance, self.trajectory, self.sketch)
         if not (cuts.clearance or len(samples[0])):
             return None
         return ClearanceTerms(self.avoidance, space, unknowns, cuts.clearance, self._hinge(), samples)
@@ -407,7 +419,7 @@ class Search:
         options = self.options
         tolerance = options.tolerance
         if self.stiffness and not self.hard:
-            share, most = ROUGH_TOLERANCE
+            share, most = SKETCH_TOLERANCE if self.sketch else ROUGH_TOLERANCE
             tolerance = max(tolerance, min(share * abs(self.first_objective), most))
         return SolverOptions(tolerance, options.iterations, barrier, options.remaining())
 

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from energyopt import planning
+from energyopt.attempts import Attempt
 from energyopt.avoidance import avoidance_of
-from energyopt.campaign import Attempt, Campaign
+from energyopt.campaign import Campaign
 from energyopt.clearance_checks import check_ends
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
@@ -150,7 +151,7 @@ class WhatIf:
             campaign = Campaign(problem, self.parameterization, kernels, options, self.base.seed, durations=durations)
             search = self._search(campaign)
             search.resume()
-            campaign.tried.append(search.name)
+            campaign.found.names.append(search.name)
             return planning.finished_plan(campaign, self._refined(campaign, search), loaded, settings)
 
     def resumed(self, problem: Problem) -> Search:
@@ -164,12 +165,14 @@ class WhatIf:
         """A search that starts from the last optimum."""
         problem, factor = campaign.problem, campaign.problem.duration / self._space.duration
         space = self._space if factor == 1.0 else self._space.stretched(problem.duration)
-        campaign.avoidance = avoidance_of(problem)
+        campaign.searcher.avoidance = avoidance_of(problem)
         motion = _moved(space, self.plan, problem)
         goal = motion(motion.duration) if problem.goal_position is None else problem.goal_position
         attempt = Attempt("what-if", motion, goal)
-        search = Search(problem, space, campaign.kernels, motion, campaign.options, campaign._relaxed(attempt), attempt.name)
-        search.cuts, search.spent, search.durations = self._cuts.stretched(factor), campaign.spent, campaign.durations
+        search = Search(
+            problem, space, campaign.kernels, motion, campaign.options, campaign.searcher.relaxed(attempt), attempt.name
+        )
+        search.cuts, search.spent, search.durations = self._cuts.stretched(factor), campaign.searcher.spent, campaign.durations
         search.first_objective = self._first_objective
         if search.avoidance is not None and search.avoidance.scene.obstacles:
             search.stiffness, search.hard = 1, True
@@ -181,7 +184,7 @@ class WhatIf:
         if search.converged and accuracy is not None:
             search.error = self._estimate(search, accuracy)
             if search.error is not None and search.error > accuracy:
-                return campaign._refined(search)
+                return campaign.refined(search)
         search.harden(accuracy)
         self._found = search
         return search

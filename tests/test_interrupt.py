@@ -318,25 +318,25 @@ def test_work_that_does_not_stop_is_left_and_other_work_is_waited_for():
 
 def test_ctrl_c_between_two_solves_keeps_the_best_of_those_before(monkeypatch):
     """Here while the second guess is made: the first motion had converged."""
-    from energyopt import campaign
+    from energyopt import searcher
 
-    problem, searched = eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5), campaign.Campaign._searched
+    problem, search = eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5), searcher.Searcher.search
 
     def searched_then_interrupted(self, *arguments):
-        if self.searches:
+        if self.current is not None:
             signal.raise_signal(signal.SIGINT)
-        return searched(self, *arguments)
+        return search(self, *arguments)
 
     whole = eo.plan(problem, eo.BSpline(accuracy=None))
-    monkeypatch.setattr(campaign.Campaign, "_searched", searched_then_interrupted)
+    monkeypatch.setattr(searcher.Searcher, "search", searched_then_interrupted)
     plan = eo.plan(problem, eo.BSpline(accuracy=None), starts=5)
     assert plan.status is eo.Status.INTERRUPTED and plan.objective == pytest.approx(whole.objective, rel=1e-9)
 
 
 def test_ctrl_c_before_there_is_any_motion_is_a_keyboard_interrupt(monkeypatch):
-    from energyopt import campaign
+    from energyopt import attempts
 
-    monkeypatch.setattr(campaign, "goals", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(attempts, "goals", lambda *_: signal.raise_signal(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
         eo.plan(eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

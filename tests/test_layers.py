@@ -20,6 +20,8 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "transcription",
     "verification durations retiming rescaling seeds diversity refinement",
     "search",
+    "attempts searcher",
+    "found fanout detours racing",
     "campaign",
     "planning io",
     "parcels places batch whatif sensitivity",

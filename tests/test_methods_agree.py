@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import energyopt as eo
-from energyopt.campaign import ROUGH_NODES
 from energyopt.dynamics.kernels import kernels_of
+from energyopt.searcher import ROUGH_NODES
 from energyopt.transcription import transcribe
 from energyopt.verification import objective
 

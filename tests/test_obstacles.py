@@ -227,7 +227,7 @@ def cage():
 
 def test_a_goal_that_is_walled_in_ends_cleanly_and_names_what_stands_in_the_way(monkeypatch):
     """The ball would have to cross a closed curve. The search for a path, which cannot know that, gets half a second."""
-    monkeypatch.setattr("energyopt.campaign.PATH_SECONDS", 0.5)
+    monkeypatch.setattr("energyopt.attempts.PATH_SECONDS", 0.5)
     problem = task(*cage())
     with pytest.raises(NoSolutionFound) as caught:
         eo.plan(problem, eo.BSpline(accuracy=None))

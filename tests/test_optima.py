@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import energyopt as eo
-from energyopt import campaign, diversity
+from energyopt import campaign, diversity, fanout
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.optima import described, distinct
 from energyopt.parameterizations import PolynomialTrajectory
@@ -71,7 +71,7 @@ def test_the_default_is_the_same_as_so_many_starts_and_one_among_obstacles_or_fo
 
 def test_the_same_seed_gives_the_same_optima_in_one_process_or_in_several(plans, monkeypatch):
     monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
-    monkeypatch.setattr(campaign.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(fanout.os, "cpu_count", lambda: 2)
     first, again = plans[20], eo.plan(swing(), FIXED, starts=20)
     assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
     assert [one.summary for one in again.optima] == [one.summary for one in first.optima]

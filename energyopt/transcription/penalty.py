@@ -24,6 +24,8 @@ from energyopt.parameterizations.trajectory import Trajectory
 
 STEP, SAMPLES = 0.02, (40, 300)
 """Distance [m] a sphere moves, about, from one sample of the penalty to the next, and bounds of their number."""
+WIDE_STEP, FEW_SAMPLES = 0.05, (30, 100)
+"""The same for a first look."""
 FINE = 100
 """Even steps over which the way of the spheres is measured."""
 SHIFT = 1e-5
@@ -51,9 +53,10 @@ def price(avoidance: Avoidance, trajectory: Trajectory, hinge: Hinge) -> float:
     return max(hinge.band * force - 3.0 * energy(0.0), 0.0)
 
 
-def penalty_samples(avoidance: Avoidance, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Times and weights of the penalty, those of the midpoint rule."""
-    edges = travel_times(avoidance, trajectory, STEP, SAMPLES)
+def penalty_samples(avoidance: Avoidance, trajectory: Trajectory, rough: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Times and weights of the penalty, those of the midpoint rule; fewer for a ``rough`` look."""
+    how = (WIDE_STEP, FEW_SAMPLES) if rough else (STEP, SAMPLES)
+    edges = travel_times(avoidance, trajectory, *how)
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
 
 

@@ -23,8 +23,10 @@ from typing import Any
 
 import numpy as np
 
+import energyopt.attempts
 import energyopt.campaign
 import energyopt.planning
+import energyopt.racing
 import energyopt.search
 from energyopt import Problem, RobotModel
 from energyopt.clearance_checks import check_ends
@@ -124,7 +126,7 @@ def machine() -> dict[str, Any]:
 @contextmanager
 def stages_timed_by(clock: Clock):
     """While this runs, `plan` reads ``clock`` where it otherwise reads wall time, so that `Plan.time_s` holds its seconds."""
-    modules = energyopt.planning, energyopt.campaign, energyopt.search
+    modules = energyopt.planning, energyopt.campaign, energyopt.attempts, energyopt.racing, energyopt.search
     kept = [module.time for module in modules]
     for module in modules:
         module.time = SimpleNamespace(perf_counter=clock, monotonic=time.monotonic)

@@ -1,0 +1,200 @@
+"""Many searches of one plan: which optima are kept apart, which take part in the race, and which of them wins."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import arms
+import numpy as np
+import pytest
+
+import energyopt as eo
+from energyopt import campaign, fanout, found, racing
+from energyopt.dynamics.kernels import kernels_of
+from energyopt.parameterizations import PolynomialTrajectory
+from energyopt.search import DEEP, SearchOptions
+from energyopt.solvers import Outcome
+from energyopt.transcription.penalty import overlap
+from energyopt.verification import verify
+
+FIXED = eo.BSpline(control_points=16, accuracy=None)
+
+
+def folding(**options):
+    """A move of a UR5 whose cheapest straight motion, were links allowed to overlap, passes through the arm itself."""
+    robot = arms.catalogue_robot("ur5")
+    start, goal = np.array([0.86, -1.5, 2.21, -0.67, -1.97, 0.65]), np.array([2.14, -0.3, 2.27, 0.0, -0.37, 0.6])
+    return eo.Problem(robot, start, goal, 1.5, **options)
+
+
+def begun(problem, starts):
+    """A campaign that has made its first searches."""
+    made = campaign.Campaign(problem, FIXED, kernels_of(problem.robot.dynamics), SearchOptions(), 0)
+    targets = made._begin()
+    made._search_all(made.attempts.all(targets), starts)
+    return made
+
+
+@dataclass(eq=False)
+class Fake:
+    """What `found` and `racing` know of a search."""
+
+    objective: float
+    name: str = "fake"
+    converged: bool = True
+    depth: float = 0.0
+    stiffness: int = 0
+    outcome: Outcome = Outcome.CONVERGED
+    at: float | None = None
+
+    @property
+    def trajectory(self):
+        """Somewhere else for another J, unless it is said where."""
+        offset = self.objective if self.at is None else self.at
+        return PolynomialTrajectory(np.array([0.0, 1.0]), np.array([[[offset], [1.0]]]))
+
+
+@dataclass
+class FakeSearcher:
+    """Keeping links apart costs what a table says; asked: of which J, in turn."""
+
+    costs: dict
+    asked: list = field(default_factory=list)
+
+    def apart(self, search, attempt):
+        self.asked.append(search.objective)
+        return Fake(search.objective + self.costs.get(search.objective, 0.0), depth=0.1 if attempt == "stuck" else 0.0)
+
+
+def looked_at(values, costs, stuck=()):
+    known, searcher = found.Found(), FakeSearcher(costs)
+    for value in values:
+        known.add(Fake(value), "stuck" if value in stuck else "guess")
+    known.keep_apart(searcher, lambda: False)
+    return known, searcher.asked
+
+
+def test_links_are_kept_apart_in_the_cheapest_optimum_first_and_only_where_it_can_still_be_the_best():
+    known, asked = looked_at([130.0, 100.0, 110.0, 300.0, 100.0], {100.0: 25.0, 110.0: 5.0})
+    assert asked == [100.0, 110.0]
+    assert [one.objective for one in known.best()] == [115.0, 125.0]
+    known, asked = looked_at([100.0, 110.0, 300.0], {}, stuck=[100.0])
+    assert asked == [100.0, 110.0] and [one.objective for one in known.best()] == [110.0]
+
+
+def test_what_was_looked_at_is_not_looked_at_again():
+    known, asked = looked_at([100.0, 110.0], {100.0: 50.0, 110.0: 60.0})
+    known.add(Fake(105.0), "guess")
+    again = FakeSearcher({})
+    known.keep_apart(again, lambda: False)
+    assert asked == [100.0, 110.0] and again.asked == [105.0]
+
+
+def test_no_further_optimum_is_looked_at_where_time_is_short():
+    known, searcher = found.Found(), FakeSearcher({100.0: 50.0})
+    for value in (100.0, 110.0):
+        known.add(Fake(value), "guess")
+    known.keep_apart(searcher, lambda: True)
+    assert searcher.asked == [100.0]  # without one there would be nothing to refine
+
+
+@pytest.fixture(scope="module")
+def folded():
+    made = begun(folding(), 8)
+    made.found.keep_apart(made.searcher, lambda: False)
+    return made
+
+
+def test_an_arm_that_would_be_in_its_own_way_is_kept_apart_at_a_higher_j(folded):
+    known = folded.found
+    (alone, *_), best = known.alone(), known.best()[0]
+    assert overlap(alone.avoidance, alone.trajectory) > 10 * DEEP and overlap(best.avoidance, best.trajectory) <= DEEP
+    assert best.objective > known.firsts()[0].objective
+
+
+def test_the_best_of_many_starts_with_self_collision_holds_and_its_optima_are_kept_apart():
+    plan = eo.plan(folding(), FIXED, starts=12)
+    assert plan.solved and verify(plan.problem, plan.trajectory).distance > 0.0
+    assert len(plan.options["tried"]) == 12 == len(set(plan.options["tried"]))
+    assert plan.objective <= eo.plan(folding(), FIXED, starts=1).objective * 1.001
+
+
+def test_self_collision_gives_the_same_plan_in_one_process_or_in_several(monkeypatch):
+    first = eo.plan(folding(), FIXED, starts=12)
+    monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
+    monkeypatch.setattr(fanout.os, "cpu_count", lambda: 2)
+    again = eo.plan(folding(), FIXED, starts=12)
+    assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
+    assert [one.summary for one in again.optima] == [one.summary for one in first.optima]
+
+
+@dataclass
+class FakeRunner:
+    """Refines to what a table says; only `finished` ones count as refined."""
+
+    search: Fake
+    accuracy: float
+    judge: object
+    finished: ClassVar[list[float]] = []
+
+    @property
+    def objective(self):
+        return 0.95 * self.search.objective
+
+    @property
+    def trajectory(self):
+        return self.search.trajectory
+
+    def step(self):
+        return True
+
+    def finish(self):
+        FakeRunner.finished.append(self.search.objective)
+        return self.search
+
+
+@dataclass
+class FakeJudge:
+    broken: tuple = ()
+
+    def holds(self, search):
+        return search.objective not in self.broken
+
+    def excess(self, search):
+        return search.objective
+
+
+@pytest.mark.parametrize(
+    ("broken", "refined", "won"),
+    [((), [100.0, 101.0], 100.0), ((100.0,), [100.0, 101.0], 101.0), ((100.0, 101.0), [100.0, 101.0, 109.0], 109.0)],
+    ids=["best holds", "second holds", "third holds"],
+)
+def test_searches_are_refined_while_they_are_close_or_nothing_holds(monkeypatch, broken, refined, won):
+    monkeypatch.setattr(racing, "Runner", FakeRunner)
+    FakeRunner.finished = []
+    searches = [Fake(value) for value in (150.0, 109.0, 101.0, 100.0, 110.0)]
+    assert racing.winner(searches, [Fake(200.0)], 0.01, FakeJudge(broken)).objective == won
+    assert FakeRunner.finished == refined
+
+
+def test_of_searches_for_one_optimum_only_the_earliest_is_refined(monkeypatch):
+    monkeypatch.setattr(racing, "Runner", FakeRunner)
+    FakeRunner.finished = []
+    searches = [Fake(100.5, at=0.05), Fake(100.0, at=0.0), Fake(101.6, at=0.0), Fake(100.9, at=0.2)]
+    racing.winner(searches, [], 0.01, FakeJudge())
+    assert FakeRunner.finished == [100.5, 100.9, 101.6]  # the last is at the same place, but its J is another
+
+
+def test_the_others_are_refined_where_none_in_the_race_holds_and_the_least_bad_is_returned(monkeypatch):
+    monkeypatch.setattr(racing, "Runner", FakeRunner)
+    FakeRunner.finished = []
+    won = racing.winner([Fake(100.0)], [Fake(200.0), Fake(90.0)], 0.01, FakeJudge((100.0, 200.0)))
+    assert won.objective == 90.0 and FakeRunner.finished == [100.0, 200.0, 90.0]
+    nothing = racing.winner([Fake(100.0)], [Fake(200.0), Fake(90.0)], 0.01, FakeJudge((90.0, 100.0, 200.0)))
+    assert nothing.objective == 90.0
+
+
+def test_a_race_is_won_by_the_best_of_what_its_runners_would_reach_alone(folded):
+    best = folded.found.best()
+    alone = [folded.refined(search).objective for search in best[:3]]
+    won = racing.winner(best[:3], [], None, folded.judge)
+    assert won.objective == pytest.approx(min(alone), rel=1e-6)
