@@ -32,7 +32,7 @@ progress tells little: giving up at iteration 20 what is above the first optimum
 ROUGH_NODES = 10
 """Quadrature nodes a span where there is Coulomb friction: with fewer, motions appear that change direction between them."""
 FIRM, FIRMEST = 2, 4
-"""Stiffness of the penalty, as a place in `search.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
+"""Stiffness of the penalty, as a place in `rounds.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
 and where all guesses have failed with that."""
 HOPELESS = 0.02
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry: that is how far they stick out."""

@@ -19,6 +19,8 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "clearance_checks pathfinding",
     "transcription",
     "verification durations retiming rescaling seeds diversity refinement",
+    "search_state",
+    "rounds",
     "search",
     "attempts searcher",
     "found fanout detours racing",

@@ -11,7 +11,7 @@ import pytest
 import urdf_factory as factory
 
 import energyopt as eo
-from energyopt import search
+from energyopt import rounds
 from energyopt.feasibility import kinematic_minimum
 from energyopt.solvers import Outcome, SolverResult
 from energyopt.verification import is_valid, objective
@@ -191,7 +191,7 @@ def test_every_outcome_of_the_solver_has_one_status(monkeypatch, outcome, status
     def ends(program, x0, *_):
         return SolverResult(program.guess(eo.baseline(problem())), np.zeros(program.rows), outcome, "said", 1.0, 3)
 
-    monkeypatch.setattr(search, "solve", ends)
+    monkeypatch.setattr(rounds, "solve", ends)
     request = problem(acceleration_limits=[11.0, 11.0])
     plan = eo.plan(request, eo.Sinusoid(2), throw=False)
     assert plan.status.value == status and not plan.solved
