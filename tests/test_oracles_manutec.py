@@ -6,6 +6,7 @@ the industrial robot Manutec r3", 1994 (20.404); V. Becerra, PSOPT examples (20.
 """
 
 import re
+from functools import cache
 from pathlib import Path
 
 import arms
@@ -41,6 +42,12 @@ def problem():
     )
 
 
+@pytest.fixture(scope="module")
+def planned(problem):
+    """Plans by method, each made once."""
+    return cache(lambda method: eo.plan(problem, method))
+
+
 def end_graded(spans):
     """Even spans with ever shorter ones, down to 1e-4 T, towards both ends (the published motion starts with an acceleration)."""
     edge = T / spans * np.array([0.25**k for k in range(5, 0, -1)])
@@ -56,8 +63,8 @@ METHODS = [
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_published_optimum_is_found(problem, method):
-    plan = eo.plan(problem, method)
+def test_the_published_optimum_is_found(planned, method):
+    plan = planned(method)
     assert plan.objective == pytest.approx(PUBLISHED, rel=5e-4)
 
 
@@ -70,24 +77,24 @@ def test_more_accuracy_than_can_be_had_is_not_claimed(problem):
     assert any("refinement stopped" in note for note in plan.notes)
 
 
-def test_finer_splines_converge_to_the_published_optimum_from_above(problem):
-    found = [eo.plan(problem, eo.BSpline(knots=end_graded(n), accuracy=None)).objective for n in (8, 16, 32, 64)]
+def test_finer_splines_converge_to_the_published_optimum_from_above(planned):
+    found = [planned(eo.BSpline(knots=end_graded(n), accuracy=None)).objective for n in (8, 16, 32, 64)]
     assert np.all(np.diff(found) < 0)
     assert found[-1] > PUBLISHED - 5e-4, "20.404 is given to three decimals"
     assert found[-1] == pytest.approx(PUBLISHED, rel=1e-4)
 
 
-def test_only_the_voltage_of_the_first_motor_is_at_its_limit(problem):
-    plan = eo.plan(problem, eo.BSpline(knots=end_graded(40), accuracy=None))
+def test_only_the_voltage_of_the_first_motor_is_at_its_limit(planned):
+    plan = planned(eo.BSpline(knots=end_graded(40), accuracy=None))
     t = plan.trajectory.sample_times(20)
     voltage, speed = np.abs(plan.torque(t) / FORCE).max(axis=0), np.abs(plan.trajectory(t, 1)).max(axis=0)
     assert voltage[0] == pytest.approx(7.5, rel=1e-3) and np.all(voltage[1:] < 7.4)
     assert np.all(speed < 0.999 * SPEED)
 
 
-def test_the_page_of_published_values_shows_those_of_today(problem):
+def test_the_page_of_published_values_shows_those_of_today(planned):
     page = (Path(__file__).resolve().parents[1] / "docs" / "validation.md").read_text(encoding="utf-8")
     shown = lambda word: [float(value) for value in re.search(rf"\| ([\d., ]+) by {word}", page)[1].split(", ")]
     ways = [eo.BSpline(knots=end_graded(n), accuracy=None) for n in (8, 16, 32, 64)] + [eo.HermiteSimpson(120)]
-    found = [eo.plan(problem, way).objective for way in ways]
+    found = [planned(way).objective for way in ways]
     assert [*shown("splines"), *shown("Hermite–Simpson")] == pytest.approx(found, rel=1e-5)  # they have four decimals
