@@ -1,8 +1,8 @@
 """What-if: a re-solve of a changed problem against a plan of it from scratch.
 
 Each random move is planned once, with a payload of 1 kg, as the base of a session (`energyopt.what_if`). Every change is then
-solved by the session and by `energyopt.plan`, in alternation, both with the independent check; a re-solve starts from the last plan
-of the session. Times are processor time; J is compared because the two may end in different optima.
+solved by the session and by `energyopt.plan`, in alternation, both with the independent check; a re-solve starts from the last
+plan of the session. Times are processor time; J is compared because the two may end in different optima.
 """
 
 from __future__ import annotations
