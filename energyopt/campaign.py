@@ -41,6 +41,8 @@ KINDS = ("best", "alone", "cheapest", "alone")
 """What is changed, in turn, where the arm is in its own way; see `Campaign._hops`."""
 GUESSING = 0.6
 """Share of a time limit for guesses, once one has led to an optimum; the rest is for refining."""
+HOPELESS = 8
+"""Guesses after which, where all contradict the limits, there are no more: these knots hold no motion."""
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
 WORTH_PROCESSES = 6.0
@@ -88,7 +90,7 @@ class Campaign:
         self.optima = found.optima(self.seed)
         if found.searches[-1].outcome is Outcome.INTERRUPTED:
             return self.interrupted()
-        if all(search.outcome is Outcome.INFEASIBLE for search in found.searches):
+        if found.infeasible and not found.any_promising:
             for search in self.searcher.on_finer_knots(next(self.attempts.all(targets))):
                 found.add(search)
         return self._best(detours.worse)
@@ -175,7 +177,7 @@ class Campaign:
             if self._enough() or (attempt := next(source, None)) is None:
                 return
             self.found.add(self.searcher.search(attempt), attempt)
-            if self.found.stopped:
+            if self.found.stopped or len(searches) == self.found.infeasible >= HOPELESS:
                 return
             rest = wanted - len(searches)
             if first and rest > 1 and self._ahead(rest) > WORTH_PROCESSES:

@@ -10,6 +10,7 @@ from energyopt.attempts import Attempt
 from energyopt.optima import Optimum, distinct
 from energyopt.search import Search
 from energyopt.searcher import STOP, Searcher, is_promising
+from energyopt.solvers import Outcome
 
 SAME = 1e-4
 """Relative difference of J up to which two first searches ended in the same optimum."""
@@ -48,6 +49,11 @@ class Found:
     def stopped(self) -> bool:
         """Whether the last search was ended by the user or by a time limit."""
         return bool(self.searches) and self.searches[-1].outcome in STOP
+
+    @property
+    def infeasible(self) -> int:
+        """How many searches ended where limits contradict each other."""
+        return sum(search.outcome is Outcome.INFEASIBLE for search in self.searches)
 
     @property
     def any_promising(self) -> bool:
