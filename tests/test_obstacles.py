@@ -5,6 +5,7 @@ over a distance d in the time T along a line, ∫a²dt = 12 d²/T³.
 """
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -238,8 +239,9 @@ def test_a_goal_that_is_walled_in_ends_cleanly_and_names_what_stands_in_the_way(
     assert ball == "ball" and board in ("north", "south", "east", "west") and 0 < time < T
     depth = f"ball–{board} overlap by {-1e3 * plan.violations.distance:.1f} mm at {time:.3f} s"
     assert depth in plan.message and "guesses tried: straight" in plan.message
-    assert "4 searches without a path: rrt 1: no path in 0.5 s, with" in plan.message
-    assert sum("no path in 0.5 s" in tried for tried in plan.options["tried"]) == 4 and plan.time_s["guess"] > 2.0
+    fruitless = r"no path in \d+\.\d s, with"  # at least the 0.5 s it has, as long as the machine takes for it
+    assert re.search("4 searches without a path: rrt 1: " + fruitless, plan.message)
+    assert sum(bool(re.search(fruitless, tried)) for tried in plan.options["tried"]) == 4 and plan.time_s["guess"] > 2.0
     # The best way through a board of 20 mm is its middle: both half thicknesses deep.
     assert plan.violations.distance <= -BALL - 0.01 + 1e-3
 
