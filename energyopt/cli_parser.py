@@ -88,24 +88,29 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     sweep.set_defaults(command="sweep")
 
 
+def _add_for_saved_plan(commands: argparse._SubParsersAction, name: str, what: str, files: str) -> argparse.ArgumentParser:
+    """A command that takes a saved plan, and the folder for its files."""
+    command = commands.add_parser(name, help=what)
+    command.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    command.add_argument("--out", type=_folder, metavar="DIR", help=f"folder for {files}")
+    command.set_defaults(command=name)
+    return command
+
+
 def _add_scale(commands: argparse._SubParsersAction) -> None:
-    scale = commands.add_parser("scale", help="make a saved plan slower or faster as a whole")
-    scale.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    files = "the results; without it nothing is written"
+    scale = _add_for_saved_plan(commands, "scale", "make a saved plan slower or faster as a whole", files)
     wanted = scale.add_mutually_exclusive_group(required=True)
     wanted.add_argument("--duration", type=float, metavar="S", help="new duration [s]")
     for name, meaning in (("cheapest", "the duration of least J"), ("fastest", "the shortest duration")):
         words = f"{meaning} at which the limits hold"
         wanted.add_argument(f"--{name}", action="store_const", const=name, dest="chosen", help=words)
-    scale.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
     scale.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
     scale.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
-    scale.set_defaults(command="scale")
 
 
 def _add_replay(commands: argparse._SubParsersAction) -> None:
-    replay = commands.add_parser("replay", help="replay a saved plan in MuJoCo")
-    replay.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
-    replay.add_argument("--out", type=_folder, metavar="DIR", help="folder for results with this replay")
+    replay = _add_for_saved_plan(commands, "replay", "replay a saved plan in MuJoCo", "results with this replay")
     replay.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
     replay.add_argument("--stiffness", type=float, metavar="KP", help="feedback on position [1/s²]")
     replay.add_argument("--damping", type=float, metavar="KD", help="feedback on velocity [1/s]")
@@ -114,12 +119,11 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
         "--collisions", action=argparse.BooleanOptionalAction, help="insist on looking for contacts, or leave it out"
     )
     replay.add_argument("--model", metavar="FILE", help="simulate another robot: a URDF, a name, or a problem file's")
-    replay.set_defaults(command="replay")
 
 
 def _add_robust(commands: argparse._SubParsersAction) -> None:
-    robust = commands.add_parser("robust", help="energy, limits and replays of a saved plan for arms unlike their model")
-    robust.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
+    what = "energy, limits and replays of a saved plan for arms unlike their model"
+    robust = _add_for_saved_plan(commands, "robust", what, "robustness.json and robustness.png")
     robust.add_argument("--payload", type=_bounds, metavar="LO:HI", help="mass carried besides [kg], such as 0:2")
     robust.add_argument("--masses", type=float, default=0.0, metavar="PERCENT", help="± on the masses of the arm's bodies")
     robust.add_argument("--friction", type=float, default=0.0, metavar="PERCENT", help="± on the friction of the joints")
@@ -131,8 +135,6 @@ def _add_robust(commands: argparse._SubParsersAction) -> None:
     robust.add_argument("--velocity-noise", type=float, default=0.0, metavar="SD", help="of the sensors [rad/s]")
     robust.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
     robust.add_argument("--collisions", action=argparse.BooleanOptionalAction, help="insist on contacts, or leave them out")
-    robust.add_argument("--out", type=_folder, metavar="DIR", help="folder for robustness.json and robustness.png")
-    robust.set_defaults(command="robust")
 
 
 def _accuracy(text: str) -> float | bool:
