@@ -131,6 +131,28 @@ def test_the_optimum_does_not_depend_on_the_unit_of_the_objective(scale):
     np.testing.assert_allclose(interior.solve(scaled, START).x, [1.0, 1.0], atol=1e-3)
 
 
+def test_a_limit_in_force_does_not_hide_curvatures_that_are_small_beside_it():
+    """In the end the limit on x₀ adds 10⁷ to its curvature, 10²⁰ times the least of the others."""
+    unit, base = 1e7, rosenbrock()
+    curvature = lambda x: np.block([[0.0, np.zeros(2)], [np.zeros((2, 1)), 100.0 * base.ddf(x[1:] / unit) / unit**2]])
+    f = lambda x: x[0] + 100.0 * base.f(x[1:] / unit)
+    df = lambda x: np.concatenate([[1.0], 100.0 * base.df(x[1:] / unit) / unit])
+    program = Toy(f, df, curvature, 3, bounds=([0.0, -np.inf, -np.inf], [1.0, np.inf, np.inf]))
+    result = interior.solve(program, np.array([1e-7, *(unit * START)]))
+    assert result.outcome is Outcome.CONVERGED and result.iterations < 40
+    np.testing.assert_allclose(result.x / [1.0, unit, unit], [0.0, 1.0, 1.0], atol=0.05)
+
+
+def test_a_row_of_large_terms_is_held_as_well_as_their_rounding_lets_it():
+    """g = 10¹⁰ (x₁ − x₀) is known to 10⁻⁶ only, and its slack no better."""
+    rows, target = [[-1e10, 1e10]], np.array([1.0, 2.0]) / 3.0
+    f, df = lambda x: ((x - target) ** 2).sum(), lambda x: 2.0 * (x - target)
+    program = Toy(f, df, lambda x: 2.0 * np.eye(2), 2, rows=rows, row_bounds=([-1.0], [1.0]))
+    result = interior.solve(program, np.zeros(2))
+    assert result.outcome is Outcome.CONVERGED and result.iterations < 20
+    np.testing.assert_allclose(result.x, 0.5, atol=1e-6)
+
+
 # ---- ways to end ----
 
 

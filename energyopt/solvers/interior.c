@@ -259,10 +259,7 @@ void eo_interior_read(Interior *I, double *x, double *y, double *z, double *numb
   memcpy(x, I->w, I->n * sizeof(double));
   for (long i = 0; i < I->n; ++i) z[i] = (I->zu[i] - I->zl[i]) / I->scale;
   for (long r = 0; r < I->m; ++r) y[r] = I->y[r] * I->row_scale[r] / I->scale;
-  double worst = 0.0, miss;
-  for (long r = 0; r < I->m; ++r)
-    worst = fmax(worst, fmax(I->p.row_lower[r] - I->g[r] / I->row_scale[r], I->g[r] / I->row_scale[r] - I->p.row_upper[r]));
-  numbers[VIOLATION] = worst, numbers[ERROR] = optimality_error(I, 0.0, &miss);
+  numbers[ERROR] = optimality_error(I, 0.0, &numbers[VIOLATION]);
   numbers[OBJECTIVE] = I->f / I->scale, numbers[BARRIER] = I->mu, numbers[STEP] = I->alpha, numbers[SHIFT] = I->delta;
   numbers[ITERATIONS] = I->iteration, numbers[STATES] = I->states;
   numbers[GRADIENTS] = numbers[JACOBIANS] = I->gradients, numbers[HESSIANS] = I->hessians;

@@ -44,8 +44,7 @@ static void skyline_zero(Skyline *s) { memset(s->values, 0, (s->profile + s->n) 
 /* Factor in place. Returns the number of negative pivots; -1 where one vanishes; more than `most` may mean that it stopped. */
 static long skyline_factor(Skyline *s, long most) {
   long negative = 0;
-  double *restrict scaled = s->work, scale = 0.0;
-  for (long i = 0; i < s->n; ++i) scale = fmax(scale, fabs(s->d[i]));
+  double *restrict scaled = s->work;
   for (long i = 0; i < s->n; ++i) {
     double *restrict row = s->values + s->start[i];
     const long fi = s->first[i];
@@ -60,7 +59,7 @@ static long skyline_factor(Skyline *s, long most) {
       row[j] = scaled[j] / s->d[j];
       pivot -= row[j] * scaled[j];
     }
-    if (!(fabs(pivot) > 1e-16 * scale)) return -1; /* also where it is no number */
+    if (!(fabs(pivot) > 0.0)) return -1; /* also where it is no number; how small it may be, other rows do not tell */
     s->d[i] = pivot;
     if (pivot < 0.0 && ++negative > most) return negative;
   }
