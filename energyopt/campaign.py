@@ -16,6 +16,7 @@ import numpy as np
 
 from energyopt.attempts import Attempt, Attempts, is_plain, with_first_duration
 from energyopt.avoidance import avoidance_of
+from energyopt.clock import now
 from energyopt.detours import Detours
 from energyopt.dynamics.kernels import Kernels
 from energyopt.fanout import search_in_processes
@@ -128,12 +129,12 @@ class Campaign:
 
     def _begin(self, posed: list[np.ndarray] | None = None) -> list[np.ndarray]:
         """Choose a duration, where it is free; returns goal configurations to aim at (``posed``, where the goal is a pose)."""
-        began = time.perf_counter()
+        began = now()
         self.problem = with_first_duration(self.problem, self.durations, self.seed, self.kernels, self.given)
         self.attempts.problem = self.searcher.problem = self.problem
         targets = posed if posed and isinstance(self.problem.goal, FramePose) else self.attempts.targets()
         self.searcher.avoidance = avoidance_of(self.problem)
-        self.attempts.seconds += time.perf_counter() - began
+        self.attempts.seconds += now() - began
         return targets
 
     def _starts(self, targets: list[np.ndarray]) -> int:

@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from energyopt.arguments import check_guess, check_planning
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign
+from energyopt.clock import now
 from energyopt.costs import smoothing_notes
 from energyopt.dynamics.compiler import why_interpreted
 from energyopt.dynamics.kernels import kernels_of
@@ -118,9 +119,9 @@ def planned(
     durations = problem.durations if problem.free_duration else None
     problem = problem.lasting(problem.durations[1])
     check_feasibility(problem)
-    started = time.perf_counter()
+    started = now()
     kernels = kernels_of(problem.robot.dynamics)
-    loaded = time.perf_counter() - started
+    loaded = now() - started
     limit, own = given["time_limit"], {} if durations is None else {"durations": durations}
     deadline = None if limit is None else time.monotonic() + limit
     settings = {"parameterization": type(parameterization).__name__, **asdict(parameterization), **given, **own,

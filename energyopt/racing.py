@@ -6,12 +6,12 @@ it tells within 1 or 2 % which is best.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from energyopt.clock import now
 from energyopt.optima import SAME_PLACE, place
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
@@ -38,9 +38,9 @@ class Judge:
 
     def verdict(self, search: Search) -> Violations:
         if self._last is None or self._last[0] is not search.trajectory:
-            began = time.perf_counter()
+            began = now()
             self._last = (search.trajectory, verify(search.problem, search.trajectory))
-            self.seconds += time.perf_counter() - began
+            self.seconds += now() - began
         return self._last[1]
 
     def holds(self, search: Search) -> bool:

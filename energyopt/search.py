@@ -8,8 +8,6 @@ asked leaves, or the motion is not clear by exact geometry, rows take its place 
 
 from __future__ import annotations
 
-import time
-
 from energyopt.refinement import (
     AIM,
     MOST_SPANS,
@@ -59,41 +57,37 @@ class Search(Rounds):
 
     def advance(self) -> bool:
         """Solve one level. Returns whether it ended with an optimal motion inside all limits."""
-        started, built = time.perf_counter(), self.spent.build_s
         previous, self.promise, self.error = self.objective if self.levels else None, None, None
-        self._solve_level()
+        with self.spent.solving():
+            self._solve_level()
         if self.converged:
             self.gain = None if previous is None else measured(previous - self.objective, self.gain, self.problem)
             self.levels += 1
-        self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
         return self.converged
 
     def resume(self) -> bool:
         """As `advance`, on knots that were refined for a problem much like this one, from its optimum."""
-        started, built = time.perf_counter(), self.spent.build_s
-        self.first_objective = self.first_objective or self._guessed_objective()
-        self._solve_rounds(NEAR_BARRIER)
+        with self.spent.solving():
+            self.first_objective = self.first_objective or self._guessed_objective()
+            self._solve_rounds(NEAR_BARRIER)
         self.levels, self.promise, self.error = 1, None, None
-        self.spent.solve_s += time.perf_counter() - started - (self.spent.build_s - built)
         return self.converged
 
     def keep_apart(self) -> bool:
         """Solve once more, on the same knots, with the penalty that the motion was found without; a first look."""
-        started = time.perf_counter()
         self.stiffness, self.sketch = 1, True
-        self._solve_rounds(WARM_BARRIER)
-        self.spent.solve_s += time.perf_counter() - started
+        with self.spent.solving():
+            self._solve_rounds(WARM_BARRIER)
         return self.converged
 
     def reaches(self, accuracy: float) -> bool:
         """Estimate `error`, relative to J (a small share of the guess's where J all but vanishes); whether it is low enough."""
-        started = time.perf_counter()
-        fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
-        look = roughly if rough(self.problem) else promise
-        self.promise = look(self.space, fine, fine.guess(self.trajectory))
+        with self.spent.solving():
+            fine = transcribe(self.problem, bisected(self.space), self.kernels, self.cuts, self._clearance_terms)
+            look = roughly if rough(self.problem) else promise
+            self.promise = look(self.space, fine, fine.guess(self.trajectory))
         left = self.promise.error(self.objective, self.gain)
         self.error = None if left is None else left / self.scale
-        self.spent.solve_s += time.perf_counter() - started
         return left is not None and self.error <= accuracy * (UNMEASURED if self.gain is None and not self.warm else 1.0)
 
     def refine(self, accuracy: float) -> bool:
@@ -112,11 +106,11 @@ class Search(Rounds):
         take back what was given too much."""
         if self.avoidance is None or not self.stiffness or self.hard or not self.converged:
             return self.converged
-        started, before = time.perf_counter(), self.avoidance
-        self.avoidance = eased(before, self.problem, self.trajectory, back)
-        if self.avoidance is not before:
-            self._solve_rounds(WARM_BARRIER)
-        self.spent.solve_s += time.perf_counter() - started
+        before = self.avoidance
+        with self.spent.solving():
+            self.avoidance = eased(before, self.problem, self.trajectory, back)
+            if self.avoidance is not before:
+                self._solve_rounds(WARM_BARRIER)
         return self.converged
 
     def harden(self, accuracy: float | None) -> bool:
@@ -133,18 +127,22 @@ class Search(Rounds):
                 self.ease(back=True)
         if self.clear() and self._is_cheap(accuracy):
             return self.converged
-        started, free, unaware = time.perf_counter(), self.objective, not self.stiffness
+        free, unaware = self.objective, not self.stiffness
+        with self.spent.solving():
+            self._solve_clear()
+        if unaware and abs(self.objective - free) > CHANGED * abs(free):
+            self.gain = self.error = None  # what was measured holds for another motion
+        if self.converged and self.stiffness and self.error is not None:
+            self.error += self._price()
+        return self.converged
+
+    def _solve_clear(self) -> None:
+        """Solve with the stiffest hinge or rows, wherever something is near."""
         if self._stiffen():
             self._solve_rounds(WARM_BARRIER)
         self.hard = True
         if self.converged and (self._add_clearance() or (self.stiffness and self._near())):
             self._solve_rounds(WARM_BARRIER)
-        if unaware and abs(self.objective - free) > CHANGED * abs(free):
-            self.gain = self.error = None  # what was measured holds for another motion
-        if self.converged and self.stiffness and self.error is not None:
-            self.error += self._price()
-        self.spent.solve_s += time.perf_counter() - started
-        return self.converged
 
     def _is_cheap(self, accuracy: float | None) -> bool:
         """Whether what the penalty costs is within the accuracy asked; it counts as error from then on."""
