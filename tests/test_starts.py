@@ -121,7 +121,7 @@ def test_the_best_of_many_starts_with_self_collision_holds_and_its_optima_are_ke
 def test_self_collision_gives_the_same_plan_in_one_process_or_in_several(monkeypatch):
     first = eo.plan(folding(), FIXED, starts=12)
     monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
-    monkeypatch.setattr(fanout.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(fanout, "cores", lambda: 2)
     again = eo.plan(folding(), FIXED, starts=12)
     assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
     assert [one.summary for one in again.optima] == [one.summary for one in first.optima]
