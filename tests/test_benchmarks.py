@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import mbm_files
+import numpy as np
 import pytest
 
 import energyopt as eo
@@ -148,7 +149,7 @@ def test_scaling_fits_exponents_to_each_axis(measured):
     }  # fmt: skip
     for found in results.values():
         for point in found["points"]:
-            assert spread(point["seconds"]["plan"]) and point["share_solved"] == 1.0 and point["memory_MB"] >= 0.0
+            assert spread(point["seconds"]["plan"]) and point["share_solved"] == 1.0 and spread(point["memory_MB"])
             assert point["seconds"]["solve"]["median"] < point["seconds"]["plan"]["median"]
     assert results["joints"]["exponents"]["plan"] is None, "one size is no law"
 
@@ -160,6 +161,20 @@ def test_the_exponent_of_a_power_law_is_found(monkeypatch):
     points = [{"n": n, "value": 3.0 * n**1.7} for n in (0, 5, 10, 20, 40, 80)]
     assert exponent(points, lambda point: point["value"]) == pytest.approx(1.7, rel=1e-12)
     assert exponent(points[:2], lambda point: point["value"]) is None
+
+
+@pytest.mark.skipif(not os.access("/proc/self/clear_refs", os.W_OK), reason="the peak of memory cannot be reset here")
+@pytest.mark.parametrize("size", [20_000, 4_000_000])
+def test_memory_counts_for_every_plan_anew(monkeypatch, size):
+    """32 MB in small blocks or in large ones, to a tenth; the second time though the first has just let go of as much."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import _scaling_case as case
+
+    monkeypatch.setattr(
+        case.eo, "plan", lambda *given, **options: [np.ones(size // 8) for _ in range(32_000_000 // size)] and None
+    )
+    for _ in range(2):
+        assert case.grown(None, None) == pytest.approx(32e6 / 2**20, rel=0.1)
 
 
 def test_the_figure_of_scaling_is_drawn(measured, monkeypatch, tmp_path):

@@ -1,11 +1,14 @@
 """One setting of `scaling.py`, measured in a process of its own:  python _scaling_case.py '{"robot": …}'
 
-Prints JSON: for each move, the least processor time of each stage over the repeats, iterations and evaluations; and by how much
-memory grew at its peak while the moves were planned, after one plan of the smallest size had loaded all there is to load.
+Prints JSON. Where ``what`` is "times": for each move, the least processor time of each stage over the repeats, iterations and
+evaluations. Where it is "memory": by how much memory grew at its peak while each move was planned for the first time. Before
+either, another move is planned among few obstacles on few knots, so that all there is to load is loaded.
 """
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import json
 import resource
 import sys
@@ -39,16 +42,18 @@ WARM_UP = eo.BSpline(control_points=8, accuracy=None)
 def main() -> None:
     case = json.loads(sys.argv[1])
     robot = load(case["robot"])
-    moves = random_moves(robot, case["moves"], case["seed"])
+    *moves, another = random_moves(robot, case["moves"] + 1, case["seed"])
     if case["obstacles"] is not None:
         moves = [among(move, case["obstacles"], case["seed"]) for move in moves]
+        another = among(another, WAYLAYING, case["seed"])
     kernels_of(robot.dynamics)
-    eo.plan(moves[0], WARM_UP, starts=1, throw=False)
+    eo.plan(another, WARM_UP, starts=1, throw=False)
     spline = eo.BSpline(control_points=case["control_points"], accuracy=None)
-    before = memory("VmRSS")
-    _forget_peak()
-    runs = [measured(move, spline, case["repeats"]) for move in moves]
-    print(json.dumps({**case, "joints": robot.nv, "runs": runs, "memory_MB": memory("VmHWM") - before}))
+    if case["what"] == "memory":
+        found = {"memory_MB": [grown(move, spline) for move in moves]}
+    else:
+        found = {"joints": robot.nv, "runs": [measured(move, spline, case["repeats"]) for move in moves]}
+    print(json.dumps(found))
 
 
 def load(name: str) -> eo.RobotModel:
@@ -101,6 +106,18 @@ def measured(move: eo.Problem, spline: eo.BSpline, repeats: int) -> dict:
             quickest = {**plan.time_s, "plan": total}
     counted = {"iterations": plan.iterations, "evaluations": sum(plan.options["evaluations"].values())}
     return {"status": plan.status.value, "objective": plan.objective, "seconds": quickest, **counted}
+
+
+def grown(move: eo.Problem, spline: eo.BSpline) -> float:
+    """By how much memory grows at its peak while a move is planned [MB]."""
+    gc.collect()
+    give_back = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of the GNU C library
+    if give_back is not None:
+        give_back(0)
+    before = memory("VmRSS")
+    _forget_peak()
+    eo.plan(move, spline, starts=1, throw=False)
+    return memory("VmHWM") - before
 
 
 def memory(key: str) -> float:

@@ -24,7 +24,7 @@ def draw(results: dict, axes: dict[str, str], path: Path) -> None:
                 _memory(panels[1, k], points)
             panels[1, k].set_xlabel(axes[axis])
         panels[0, 0].set_ylabel("processor time of plan() [ms]")
-        panels[1, 0].set_ylabel("memory beside that of a\nsmall plan before it [MB]")
+        panels[1, 0].set_ylabel("memory of a first plan [MB]")
         for panel in panels.flat:
             _scales(panel)
         figure.text(0.01, 0.99, "What a plan costs as problems grow", va="top", fontsize=11.5, fontweight="bold")
@@ -51,7 +51,7 @@ def _times(panel, axis: str, points: list[dict], exponents: dict) -> None:
 
 
 def _memory(panel, points: list[dict]) -> None:
-    some = [(point["n"], point["memory_MB"]) for point in points if point["memory_MB"] > 0]
+    some = [(point["n"], point["memory_MB"]["median"]) for point in points if point["memory_MB"]["median"] > 0]
     if some:
         n, memory = zip(*some, strict=True)
         panel.plot(n, memory, "o", color=PLANNED, markersize=4.5, zorder=3)

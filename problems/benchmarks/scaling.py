@@ -4,13 +4,14 @@ From a base of a Panda with 16 control points and nothing in its way: other arms
 its pelvis; 8 to 200 control points; 0 to 200 spheres, five at random places and the others where they leave the optimum among
 those as it is, so that the task stays as hard. The knots are fixed. An exponent p is that of the power law a·nᵖ nearest to the
 medians (least squares in logarithms) over the upper half of an axis, where what does not grow with n weighs little. Every setting
-runs in a process of its own (`_scaling_case.py`), so that its peak of memory is its own; what small ones need fits into what a
-plan before them left, so memory gets no exponent.
+runs in processes of its own (`_scaling_case.py`): one for times, one for memory, which gives freed memory back to the system at
+once. Otherwise a plan would take its memory from what an earlier one had left, and its peak would tell nothing.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,8 @@ BASE = {"robot": "panda", "control_points": 16, "obstacles": None}
 STAGES = ("plan", "solve")
 JOINT_GOALS = {14: 0.150, 30: 2.0}
 """Seconds of a plan with 16 control points, by joints."""
+RETURNED = {"MALLOC_MMAP_THRESHOLD_": "32768", "MALLOC_TRIM_THRESHOLD_": "0", "MALLOC_TOP_PAD_": "0"}
+"""Environment in which the GNU C library returns freed memory at once; others do not read it."""
 LINEAR = 1.15
 """An exponent up to this is called linear."""
 
@@ -69,13 +72,19 @@ def _axis(axis: str, cases: list[dict], parsed) -> dict:
     points.sort(key=lambda point: point["n"])
     keys = {stage: (lambda point, stage=stage: point["seconds"][stage]["median"]) for stage in STAGES}
     keys |= {"iteration": lambda point: point["iteration_s"]["median"], "iterations": lambda point: point["iterations"]["median"]}
+    keys |= {"memory": lambda point: point["memory_MB"]["median"]}
     return {"points": points, "exponents": {name: exponent(points, key) for name, key in keys.items()}}
 
 
 def _measured(case: dict) -> dict:
+    """Times and memory, each from a process of its own."""
+    return _run({**case, "what": "times"}, {}) | _run({**case, "what": "memory"}, RETURNED)
+
+
+def _run(case: dict, environment: dict[str, str]) -> dict:
     script = Path(__file__).with_name("_scaling_case.py")
     command = [sys.executable, str(script), json.dumps(case)]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    run = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | environment)
     if run.returncode:
         raise SystemExit(f"scaling: {case} failed: {run.stderr.strip().splitlines()[-1:]}")
     return json.loads(run.stdout)
@@ -91,7 +100,7 @@ def _point(axis: str, case: dict, found: dict) -> dict:
         "evaluations": quartiles([run["evaluations"] for run in runs]),
         "iteration_s": quartiles([run["seconds"]["solve"] / max(run["iterations"], 1) for run in runs]),
         "share_solved": float(np.mean([run["status"] == "SOLVED" for run in runs])),
-        "memory_MB": found["memory_MB"],
+        "memory_MB": quartiles(found["memory_MB"]),
         "runs": runs,
     }
 
@@ -121,11 +130,12 @@ def _row(point: dict) -> tuple:
     times = [shown(point["seconds"][stage], ".1f", 1e3) for stage in STAGES]
     each = shown(point["iteration_s"], ".2f", 1e3)
     solved = f"{100 * point['share_solved']:.0f} %"
-    return point["n"], point["robot"], *times, shown(point["iterations"], ".0f"), each, f"{point['memory_MB']:.1f}", solved
+    memory = shown(point["memory_MB"], ".1f")
+    return point["n"], point["robot"], *times, shown(point["iterations"], ".0f"), each, memory, solved
 
 
 def _goals(results: dict) -> list[Goal]:
-    """Times by joints; linear growth in points and obstacles."""
+    """Times by joints; linear growth of time and memory in points and obstacles."""
     goals = []
     for point in results.get("joints", {}).get("points", []):
         if point["n"] in JOINT_GOALS:
@@ -133,7 +143,7 @@ def _goals(results: dict) -> list[Goal]:
             goals.append(Goal(what, 1e3 * point["seconds"]["plan"]["median"], 1e3 * JOINT_GOALS[point["n"]], "ms"))
     for axis in ("control_points", "obstacles"):
         exponents = results.get(axis, {}).get("exponents", {})
-        for name in ("plan", "iteration"):
+        for name in ("plan", "iteration", "memory"):
             if exponents.get(name) is not None:
                 goals.append(Goal(f"exponent of {name} in {AXES[axis]}", exponents[name], LINEAR, ""))
     return goals
