@@ -283,9 +283,9 @@ def test_the_line_of_the_bar():
 
 
 def test_workers_start_no_processes_of_their_own():
-    from energyopt import workers
+    from energyopt import serving, workers
 
-    with workers.no_more_processes():
+    with serving.no_more_processes():
         answers = list(workers.call_all(os.getpid, [(), ()], 2))
         assert answers == [(0, os.getpid()), (1, os.getpid())]
     ((_, pid),) = workers.call_all(os.getpid, [()], 1)
