@@ -76,7 +76,7 @@ def _threads(cluster: Cluster) -> int:
     try:
         return cluster.threads
     except Exception as error:  # whatever a client raises that is closed, or has lost its scheduler
-        raise InputError(f"executor is a client without a cluster: {error}; expected one that is connected") from None
+        raise InputError("executor is a dask client that has no cluster; expected one that is connected") from error
 
 
 def _check_open(executor: Executor) -> None:
