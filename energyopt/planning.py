@@ -10,6 +10,7 @@ import time
 from dataclasses import asdict, replace
 
 from energyopt.arguments import check_guess, check_planning
+from energyopt.attempts import with_first_duration
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign
 from energyopt.costs import smoothing_notes
@@ -127,8 +128,12 @@ def planned(
                 "kernels": kernels.kind}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(given["iterations"], deadline=deadline, progress=_progress(verbose), stop=interrupted)
+        started = time.perf_counter()
+        base = guess if begun is None else begun.trajectory
+        problem = with_first_duration(problem, durations, given["seed"], kernels, base)
         how = {"path_search": given["path_search"], "durations": durations, "given": guess}
         campaign = Campaign(problem, parameterization, kernels, options, given["seed"], **how)
+        campaign.attempts.seconds = time.perf_counter() - started
         try:
             search = campaign.run(given["starts"]) if begun is None else campaign.resume(begun)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
@@ -190,7 +195,7 @@ def _notes(campaign: Campaign, search: Search) -> tuple[str, ...]:
 
 
 def _tried(names: list[str], missed: list[str]) -> str:
-    said = f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}"
+    said = f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}" if names else "no guess tried"
     if not missed:
         return said
     return f"{said}; {len(missed)} search{'es' if len(missed) > 1 else ''} without a path: {'; '.join(missed)}"

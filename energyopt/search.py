@@ -33,7 +33,7 @@ from energyopt.transcription.penalty import overlap, price
 __all__ = ["DEEP", "GOOD", "ROUNDS", "STIFFNESS", "Progress", "Search", "SearchOptions", "Spent"]
 
 FINER_BARRIER = 1e-2
-"""The same on knots that were just refined: 11 iterations, against 13 from 0.001 or less."""
+"""Initial barrier parameter on knots that were just refined: 11 iterations, against 13 from 0.001 or less."""
 NEAR_BARRIER = 1e-1
 """The same from the optimum of a problem much like this one: over changes of payload, weights, limits, goal and duration it took
 11 iterations (19 at most), against 18 from 1 and 14 (31 at most) from 1e-5."""
@@ -108,13 +108,14 @@ class Search(Rounds):
         return True
 
     def ease(self, back: bool = False) -> bool:
-        """Ask so much less of the spheres as exact geometry shows that they ask too much, and solve once more; with ``back``,
-        take back what was given too much."""
+        """Ask so much less of the spheres as exact geometry shows that they ask too much, and solve once more, as also after a
+        first look; with ``back``, take back what was given too much."""
         if self.avoidance is None or not self.stiffness or self.hard or not self.converged:
             return self.converged
         started, before = time.perf_counter(), self.avoidance
-        self.avoidance = eased(before, self.problem, self.trajectory, back)
-        if self.avoidance is not before:
+        self.avoidance, looked = eased(before, self.problem, self.trajectory, back), self.sketch
+        self.sketch = False
+        if looked or self.avoidance is not before:
             self._solve_rounds(WARM_BARRIER)
         self.spent.solve_s += time.perf_counter() - started
         return self.converged
@@ -167,5 +168,4 @@ class Search(Rounds):
     def _solve_level(self) -> None:
         if self.first_objective is None:
             self.first_objective = self._guessed_objective()
-        warm = FINER_BARRIER if self.levels else WARM_BARRIER
-        self._solve_rounds(warm if self.levels or self.warm else SolverOptions.barrier)
+        self._solve_rounds(FINER_BARRIER if self.levels else WARM_BARRIER if self.warm else SolverOptions.barrier)

@@ -47,6 +47,11 @@ def no_more_processes() -> Iterator[None]:
         _ALONE.reset(token)
 
 
+def alone() -> bool:
+    """Whether this is in there."""
+    return _ALONE.get()
+
+
 def cores() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
