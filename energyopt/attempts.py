@@ -7,7 +7,6 @@ and then free ones.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -16,6 +15,7 @@ import numpy as np
 
 from energyopt.avoidance import arm_obstacles, bound_frames, planned_pairs
 from energyopt.clearance_checks import check_ends
+from energyopt.clock import now
 from energyopt.diversity import Guess, diverse, hops
 from energyopt.dynamics.kernels import Kernels
 from energyopt.errors import ProblemError
@@ -78,13 +78,13 @@ class Attempts:
         Raises:
             ProblemError: start or goal touches something, or no goal configuration is possible.
         """
-        began = time.perf_counter()
+        began = now()
         targets = goals(self.problem, self.seed)
         if isinstance(self.problem.goal, FramePose):
             targets = self._possible(targets)
         else:
             check_ends(self.problem, self.problem.goal_position)
-        self.seconds += time.perf_counter() - began
+        self.seconds += now() - began
         return targets
 
     def all(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
@@ -93,10 +93,10 @@ class Attempts:
 
     def hops(self, bases: list[Search], targets: list[np.ndarray], number: int, apart: bool) -> Attempt:
         """The changed copy of this number of one of two optima, of which the first is the better one."""
-        began = time.perf_counter()
+        began = now()
         some = [self.given_by(base.trajectory, targets, base.name) for base in bases]
         guess = next(hops(self.problem, [Guess(one.name, one.motion, one.goal) for one in some], self.seed, number))
-        self.seconds += time.perf_counter() - began
+        self.seconds += now() - began
         return Attempt(guess.name, guess.motion, guess.goal, apart=apart)
 
     def given_by(self, motion: Trajectory, targets: list[np.ndarray], name: str = "given") -> Attempt:
@@ -108,11 +108,11 @@ class Attempts:
     def _timed(self, source: Iterator[Attempt]) -> Iterator[Attempt]:
         """The same, with the time counted that it takes to make each."""
         while True:
-            began = time.perf_counter()
+            began = now()
             try:
                 attempt = next(source, None)
             finally:
-                self.seconds += time.perf_counter() - began
+                self.seconds += now() - began
             if attempt is None:
                 return
             yield attempt

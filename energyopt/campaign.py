@@ -26,7 +26,8 @@ from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import FramePose, Problem
 from energyopt.racing import Judge, Runner, winner
 from energyopt.refinement import ALIKE, DOUBT, difference
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.searcher import FIRMEST, Parameterization, Searcher, is_promising
 from energyopt.solvers import Outcome
 from energyopt.workers import alone
@@ -36,13 +37,13 @@ STARTS = 64
 measured by `problems/benchmarks/optima.py`."""
 HOPS, LEAST_HOPS = 0.4, 2
 """Share of the guesses that are changed copies of the best optima the others have led to."""
-ROUNDS = 4
+HOP_ROUNDS = 4
 """Rounds of these: what one finds is changed in the next."""
 KINDS = ("best", "alone", "cheapest", "alone")
 """What is changed, in turn, where the arm is in its own way; see `Campaign._hops`."""
 GUESSING = 0.6
 """Share of a time limit for guesses, once one has led to an optimum; the rest is for refining."""
-HOPELESS = 8
+MOST_INFEASIBLE = 8
 """Guesses after which, where all contradict the limits, there are no more: these knots hold no motion."""
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
@@ -144,8 +145,8 @@ class Campaign:
         hopping = hopping if hopping >= LEAST_HOPS else 0
         self._search_all(source, wanted - hopping)
         found.keep_apart(self.searcher, self._enough)
-        for k in range(ROUNDS):
-            numbers = range(hopping * k // ROUNDS, hopping * (k + 1) // ROUNDS)
+        for k in range(HOP_ROUNDS):
+            numbers = range(hopping * k // HOP_ROUNDS, hopping * (k + 1) // HOP_ROUNDS)
             if found.stopped or not numbers or not found.best():
                 return
             self._search_all(self._hops(targets, numbers), len(found.tried) + len(numbers))
@@ -175,7 +176,7 @@ class Campaign:
                 search_in_processes(self.searcher, chain([attempt], islice(source, rest - 1)), found, self._enough)
             else:
                 found.add(self.searcher.search(attempt), attempt)
-            if len(found.tried) == found.infeasible >= HOPELESS:
+            if len(found.tried) == found.infeasible >= MOST_INFEASIBLE:
                 return
 
     def _in_processes(self, rest: int) -> bool:

@@ -12,7 +12,7 @@ from energyopt.attempts import Attempt
 from energyopt.found import SAME, Found
 from energyopt.optima import above
 from energyopt.search import Search
-from energyopt.searcher import HOPELESS, STOP, Searcher, is_promising
+from energyopt.searcher import STICKS_OUT, STOP, Searcher, is_promising
 from energyopt.seeds import guesses
 from energyopt.transcription.penalty import overlap
 
@@ -47,7 +47,7 @@ class Detours:
             if search.converged and not any(abs(above(search.objective, other)) <= SAME for other in others):
                 self._unaware.append(search)
         for search in sorted(self._unaware, key=lambda search: search.objective):
-            if overlap(search.avoidance, search.trajectory) <= HOPELESS and search.clear():
+            if overlap(search.avoidance, search.trajectory) <= STICKS_OUT and search.clear():
                 self.found.add(search)
                 return
 

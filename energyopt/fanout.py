@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -11,10 +10,11 @@ from energyopt.avoidance import avoidance_of
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.found import Found
 from energyopt.problem import Problem
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.searcher import STOP, Parameterization, Searcher
 from energyopt.solvers import Outcome
-from energyopt.workers import call_all
+from energyopt.workers import call_all, cores
 
 GRACE = 0.3
 """Seconds after the end of a time limit in which processes may still answer."""
@@ -35,7 +35,7 @@ def search_in_processes(searcher: Searcher, attempts: Iterator[Attempt], found: 
             sent[k] = attempt
             yield searcher.problem, searcher.durations, searcher.parameterization, attempt, options.iterations, options.deadline
 
-    for k, answer in call_all(search_once, calls(), os.cpu_count() or 1, lambda: stop() or late(GRACE) or enough()):
+    for k, answer in call_all(search_once, calls(), cores(), lambda: stop() or late(GRACE) or enough()):
         attempt = sent.pop(k)
         search = _received(searcher, answer, attempt) if isinstance(answer, Search) else searcher.search(attempt)
         found.add(search, attempt)

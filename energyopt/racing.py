@@ -6,11 +6,11 @@ it tells within 1 or 2 % which is best.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import islice
 
+from energyopt.clock import now
 from energyopt.optima import above, groups
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
@@ -37,9 +37,9 @@ class Judge:
 
     def verdict(self, search: Search) -> Violations:
         if search.trajectory not in self._known:
-            began = time.perf_counter()
+            began = now()
             self._known[search.trajectory] = verify(search.problem, search.trajectory)
-            self.seconds += time.perf_counter() - began
+            self.seconds += now() - began
         return self._known[search.trajectory]
 
     def holds(self, search: Search) -> bool:

@@ -6,7 +6,7 @@ stiffer where that is not enough. At the end of a search rows may take its place
 
 from __future__ import annotations
 
-import time
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -133,11 +133,8 @@ class Rounds(SearchState):
         return program.evaluator.objective()
 
     def _transcribe(self) -> NonlinearProgram:
-        started = time.perf_counter()
-        program = transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms, self.durations)
-        if not self.levels and self.rounds <= 1:
-            self.spent.build_s += time.perf_counter() - started
-        return program
+        with self.spent.building() if not self.levels and self.rounds <= 1 else nullcontext():
+            return transcribe(self.problem, self.space, self.kernels, self.cuts, self._clearance_terms, self.durations)
 
     def _solver_options(self, barrier: float) -> SolverOptions:
         options = self.options

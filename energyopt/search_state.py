@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from energyopt.avoidance import Avoidance
+from energyopt.clock import now
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.parameterizations.space import MotionSpace
 from energyopt.parameterizations.trajectory import Trajectory
@@ -51,6 +53,24 @@ class Spent:
     def add(self, other: Spent) -> None:
         self.iterations, self.build_s = self.iterations + other.iterations, self.build_s + other.build_s
         self.solve_s += other.solve_s
+
+    @contextmanager
+    def building(self) -> Iterator[None]:
+        """Count the time of what is done meanwhile as building."""
+        began = now()
+        try:
+            yield
+        finally:
+            self.build_s += now() - began
+
+    @contextmanager
+    def solving(self) -> Iterator[None]:
+        """Count the time of what is done meanwhile as solving, less what of it was building."""
+        began, built = now(), self.build_s
+        try:
+            yield
+        finally:
+            self.solve_s += now() - began - (self.build_s - built)
 
 
 @dataclass

@@ -18,7 +18,9 @@ from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
 from energyopt.problem import Problem
 from energyopt.refinement import bisected, rough
-from energyopt.search import DEEP, Search, SearchOptions, Spent
+from energyopt.rounds import DEEP
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions, Spent
 from energyopt.solvers import Outcome
 from energyopt.transcription import NonlinearProgram
 from energyopt.transcription.penalty import overlap
@@ -34,7 +36,7 @@ ROUGH_NODES = 10
 FIRM, FIRMEST = 2, 4
 """Stiffness of the penalty, as a place in `rounds.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
 and where all guesses have failed with that."""
-HOPELESS = 0.02
+STICKS_OUT = 0.02
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry: that is how far they stick out."""
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
@@ -103,7 +105,7 @@ class Searcher:
         if self.avoidance is None or search.stiffness or not search.converged:
             return True
         depth = overlap(search.avoidance, search.trajectory)
-        return depth <= 0.0 or (depth <= HOPELESS and search.clear())
+        return depth <= 0.0 or (depth <= STICKS_OUT and search.clear())
 
     def on_finer_knots(self, attempt: Attempt) -> list[Search]:
         """Searches in ever finer spaces, where the knots may be chosen: near the least duration coarse ones hold no motion."""

@@ -3,7 +3,6 @@ independent work on as many as there are cores."""
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +11,8 @@ from functools import cache
 from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
+
+from energyopt.workers import cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -54,7 +55,7 @@ def side_by_side(work: Callable[[Item, Wanted], Result], items: Iterable[Item]) 
         if left.is_set():
             raise Unwanted
 
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+    with ThreadPoolExecutor(max_workers=cores()) as pool:
         try:
             jobs = [pool.submit(work, item, wanted) for item in items]
             return [job.result() for job in jobs]

@@ -13,7 +13,6 @@ another optimum better, only a cold start can find that (`cold=True` tries both)
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from typing import Any
@@ -24,6 +23,7 @@ from energyopt import planning
 from energyopt.attempts import Attempt
 from energyopt.campaign import Campaign
 from energyopt.clearance_checks import check_ends
+from energyopt.clock import now
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.errors import NoSolutionFound, ProblemError
 from energyopt.feasibility import check_feasibility
@@ -39,7 +39,8 @@ from energyopt.robots.messages import did_you_mean
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
 from energyopt.robots.variation import Variation, with_numbers
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.solvers import Interrupts
 from energyopt.threads import single_thread
 
@@ -138,9 +139,9 @@ class WhatIf:
         if durations is not None:
             problem = problem.lasting(float(np.clip(self.plan.duration, *durations)))
         check_feasibility(problem)
-        began = time.perf_counter()
+        began = now()
         kernels = kernels_of(problem.robot.dynamics)
-        loaded = time.perf_counter() - began
+        loaded = now() - began
         settings = {"parameterization": type(self.parameterization).__name__, **asdict(self.parameterization),
                     "kernels": kernels.kind, "what_if": True}  # fmt: skip
         with single_thread(), Interrupts() as stop:

@@ -71,7 +71,7 @@ def test_the_default_is_the_same_as_so_many_starts_and_one_among_obstacles_or_fo
 
 def test_the_same_seed_gives_the_same_optima_in_one_process_or_in_several(plans, monkeypatch):
     monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
-    monkeypatch.setattr(fanout.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(fanout, "cores", lambda: 2)
     first, again = plans[20], eo.plan(swing(), FIXED, starts=20)
     assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
     assert [one.summary for one in again.optima] == [one.summary for one in first.optima]

@@ -13,7 +13,8 @@ from energyopt.actuators import ActuatorModel
 from energyopt.costs import Duration, ElectricalEnergy, TorqueSquared
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import PolynomialTrajectory
-from energyopt.search import DEEP, SearchOptions
+from energyopt.rounds import DEEP
+from energyopt.search_state import SearchOptions
 from energyopt.solvers import Outcome
 from energyopt.transcription.penalty import overlap
 from energyopt.verification import verify
@@ -151,7 +152,7 @@ def test_the_best_of_many_starts_with_self_collision_holds_and_its_optima_are_ke
 def test_self_collision_gives_the_same_plan_in_one_process_or_in_several(monkeypatch):
     first = eo.plan(folding(), FIXED, starts=12)
     monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
-    monkeypatch.setattr(fanout.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(fanout, "cores", lambda: 2)
     again = eo.plan(folding(), FIXED, starts=12)
     assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
     assert [one.summary for one in again.optima] == [one.summary for one in first.optima]

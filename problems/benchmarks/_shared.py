@@ -15,19 +15,12 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-import energyopt.attempts
-import energyopt.campaign
-import energyopt.planning
-import energyopt.racing
-import energyopt.search
 from energyopt import Problem, RobotModel
 from energyopt.clearance_checks import check_ends
 from energyopt.errors import ProblemError
@@ -121,20 +114,6 @@ def machine() -> dict[str, Any]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return {"cpu": cpu, "cores": cores, "load": round(load, 2), "system": f"{platform.system()} {platform.machine()}"}
-
-
-@contextmanager
-def stages_timed_by(clock: Clock):
-    """While this runs, `plan` reads ``clock`` where it otherwise reads wall time, so that `Plan.time_s` holds its seconds."""
-    modules = energyopt.planning, energyopt.campaign, energyopt.attempts, energyopt.racing, energyopt.search
-    kept = [module.time for module in modules]
-    for module in modules:
-        module.time = SimpleNamespace(perf_counter=clock, monotonic=time.monotonic)
-    try:
-        yield
-    finally:
-        for module, original in zip(modules, kept, strict=True):
-            module.time = original
 
 
 def random_moves(robot: RobotModel, count: int, seed: int, self_collision: bool = False, **options: Any) -> list[Problem]:
