@@ -11,8 +11,6 @@ import argparse
 import json
 import os
 import platform
-import re
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -172,13 +170,3 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     forms = [f"{{:{'<' if k == 0 else '>'}{w}}}" for k, w in enumerate(width)]
     lines = ["  " + "  ".join(forms).format(*row).rstrip() for row in cells]
     return "\n".join([lines[0], "  " + "-" * (sum(width) + 2 * len(width) - 2), *lines[1:], ""])
-
-
-def write_block(page: Path, marks: tuple[str, str], block: str) -> None:
-    """Put a block of text between two lines of a page, in place of what stands there; leaves where they are missing."""
-    begin, end = marks
-    text = page.read_text(encoding="utf-8") if page.is_file() else ""
-    pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    if not pattern.search(text):
-        sys.exit(f"{page}: the lines '{begin}' and '{end}' are missing; --docs is for a checkout")
-    page.write_text(pattern.sub(lambda _: f"{begin}\n\n{block}\n\n{end}", text), encoding="utf-8")
