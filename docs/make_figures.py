@@ -8,8 +8,6 @@ the table in README.md between the lines "savings: begin" and "savings: end"   f
 
 from __future__ import annotations
 
-import re
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,6 +15,7 @@ import numpy as np
 
 import energyopt as eo
 from energyopt.io import catalogue_problems, load_task
+from energyopt.io.pages import write_block
 from energyopt.validation import ValidationReport
 
 HERE = Path(__file__).resolve().parent
@@ -89,17 +88,8 @@ def _row(name: str, plan: eo.Plan, report: ValidationReport, log: eo.ReplayLog) 
     return f"| {' | '.join(cells)} |"
 
 
-def replace_table(path: Path, table: str) -> None:
-    """Put the table between its two marks."""
-    text = path.read_text(encoding="utf-8")
-    pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
-    if not pattern.search(text):
-        sys.exit(f"{path}: the lines '{BEGIN}' and '{END}' are missing")
-    path.write_text(pattern.sub(lambda _: f"{BEGIN}\n{table}\n{END}", text), encoding="utf-8")
-
-
 if __name__ == "__main__":
     draw()
     draw_time()
     draw_sweep()
-    replace_table(README, savings_table(catalogue_problems()))
+    write_block(README, (BEGIN, END), savings_table(catalogue_problems()))

@@ -10,15 +10,16 @@ missing here, or is no longer in the schema, is an error.
 from __future__ import annotations
 
 import ast
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from energyopt.costs import COSTS
 from energyopt.geometry.shapes import SHAPES
+from energyopt.io import write_atomic
 from energyopt.io.avoidance_schema import REGIONS, SIZES, SOLIDS, sizes_of
 from energyopt.io.energy_schema import PARAMETERS, parameters_of
+from energyopt.io.pages import with_block
 from energyopt.io.problem_schema import METHOD, PROBLEM_FILE
 from energyopt.io.schema import ListOf, OneOf, Table
 
@@ -215,12 +216,9 @@ PARTS = {"problem_files.md": ("keys", key_tables), "validation.md": ("tests", te
 def renewed(page: str) -> str:
     """The text of a page with its generated part made anew."""
     mark, make = PARTS[page]
-    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
-    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
-    text = (HERE / page).read_text(encoding="utf-8")
-    return pattern.sub(lambda _: f"{begin}\n\n{make()}\n\n{end}", text)
+    return with_block(HERE / page, (f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"), make())
 
 
 if __name__ == "__main__":
     for name in PARTS:
-        (HERE / name).write_text(renewed(name), encoding="utf-8")
+        write_atomic(HERE / name, renewed(name).encode())

@@ -7,15 +7,15 @@ and then free ones.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
 
 from energyopt.avoidance import arm_obstacles, bound_frames, planned_pairs
 from energyopt.clearance_checks import check_ends
+from energyopt.clock import now
 from energyopt.diversity import Guess, diverse, hops
 from energyopt.dynamics.kernels import Kernels
 from energyopt.errors import ProblemError
@@ -39,6 +39,8 @@ class Attempt:
         name, motion: of the guess; goal: the configuration it ends in.
         free: whether it is known to be free of obstacles.
         apart: whether links of the arm are to be kept apart from the beginning.
+        warm: whether it is nearly optimal, on knots made for it.
+        patient: whether it is worth many iterations, unlike one of many guesses.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Attempt:
     goal: np.ndarray
     free: bool = False
     apart: bool = False
+    warm: bool = False
+    patient: bool = False
 
 
 @dataclass
@@ -74,10 +78,13 @@ class Attempts:
         Raises:
             ProblemError: start or goal touches something, or no goal configuration is possible.
         """
+        began = now()
         targets = goals(self.problem, self.seed)
         if isinstance(self.problem.goal, FramePose):
-            return self._possible(targets)
-        check_ends(self.problem, self.problem.goal_position)
+            targets = self._possible(targets)
+        else:
+            check_ends(self.problem, self.problem.goal_position)
+        self.seconds += now() - began
         return targets
 
     def all(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
@@ -86,10 +93,10 @@ class Attempts:
 
     def hops(self, bases: list[Search], targets: list[np.ndarray], number: int, apart: bool) -> Attempt:
         """The changed copy of this number of one of two optima, of which the first is the better one."""
-        began = time.perf_counter()
+        began = now()
         some = [self.given_by(base.trajectory, targets, base.name) for base in bases]
         guess = next(hops(self.problem, [Guess(one.name, one.motion, one.goal) for one in some], self.seed, number))
-        self.seconds += time.perf_counter() - began
+        self.seconds += now() - began
         return Attempt(guess.name, guess.motion, guess.goal, apart=apart)
 
     def given_by(self, motion: Trajectory, targets: list[np.ndarray], name: str = "given") -> Attempt:
@@ -101,11 +108,11 @@ class Attempts:
     def _timed(self, source: Iterator[Attempt]) -> Iterator[Attempt]:
         """The same, with the time counted that it takes to make each."""
         while True:
-            began = time.perf_counter()
+            began = now()
             try:
                 attempt = next(source, None)
             finally:
-                self.seconds += time.perf_counter() - began
+                self.seconds += now() - began
             if attempt is None:
                 return
             yield attempt
@@ -113,10 +120,10 @@ class Attempts:
     def _all(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
         problem = self.problem
         if self.given is not None:
-            yield self.given_by(self.given, targets)
+            yield replace(self.given_by(self.given, targets), warm=True, patient=True)
         if is_plain(problem):
             for guess in diverse(problem, targets, self.seed, self.kernels):
-                yield Attempt(guess.name, guess.motion, guess.goal)
+                yield Attempt(guess.name, guess.motion, guess.goal, patient=guess.name == "straight")
         free = FreeSpace.of(
             problem.robot,
             arm_obstacles(problem),

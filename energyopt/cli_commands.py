@@ -6,9 +6,13 @@ import argparse
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from energyopt.errors import FileError
 from energyopt.exit_codes import INTERRUPTED, INVALID, VALID
+
+if TYPE_CHECKING:
+    from energyopt.plans import Plan
 
 
 def _plan(parsed: argparse.Namespace) -> int:
@@ -60,12 +64,10 @@ def _sweep(parsed: argparse.Namespace) -> int:
 
 def _scale(parsed: argparse.Namespace) -> int:
     """Make a saved plan slower or faster."""
-    from energyopt.io import load_plan
     from energyopt.rescaling import rescale
     from energyopt.workflow import judge_and_write, prepare_folder
 
-    path = Path(parsed.plan)
-    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    plan = _saved(parsed)
     if parsed.out is not None:
         prepare_folder(parsed.out)
     limits = plan.problem.limits
@@ -77,11 +79,9 @@ def _scale(parsed: argparse.Namespace) -> int:
 
 def _replay(parsed: argparse.Namespace) -> int:
     """Replay a saved plan."""
-    from energyopt.io import load_plan
     from energyopt.workflow import judge_and_write, prepare_folder
 
-    path = Path(parsed.plan)
-    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    plan = _saved(parsed)
     if parsed.out is not None:
         prepare_folder(parsed.out)
     names = ("stiffness", "damping", "physics_step", "collisions")
@@ -94,17 +94,23 @@ def _replay(parsed: argparse.Namespace) -> int:
 
 def _robust(parsed: argparse.Namespace) -> int:
     """Judge a saved plan for arms unlike their model."""
-    from energyopt.io import load_plan
     from energyopt.robust_workflow import run
 
-    path = Path(parsed.plan)
-    plan = load_plan(path / "plan.npz" if path.is_dir() else path)
+    plan = _saved(parsed)
     bounds = {key: getattr(parsed, key) for key in ("payload", "masses", "friction")}
     names = ("delay", "position_noise", "velocity_noise", "physics_step", "collisions")
     replay = {name: getattr(parsed, name) for name in names if getattr(parsed, name) is not None}
     found = run(plan, bounds, parsed.samples, parsed.trials, parsed.seed, replay, parsed.out)
     print(found)
     return VALID if found.holds else INVALID
+
+
+def _saved(parsed: argparse.Namespace) -> Plan:
+    """The plan in a file, or in the folder it was written to."""
+    from energyopt.io import load_plan
+
+    path = Path(parsed.plan)
+    return load_plan(path / "plan.npz" if path.is_dir() else path)
 
 
 def _shown(outcome, quiet: bool = False) -> int:

@@ -24,7 +24,7 @@ def make_parser() -> argparse.ArgumentParser:
     """Of the whole command line; ``command`` of what it parses is a key of `cli_commands.COMMANDS`."""
     parser = _Parser(prog="energyopt", description="Energy-optimal motions for robot arms, planned and proved in simulation.")
     parser.add_argument("--version", action=_Version, help="versions, the dynamics backend and the compiler in use")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_plan(commands)
     _add_batch(commands)
     _add_replay(commands)
@@ -33,35 +33,50 @@ def make_parser() -> argparse.ArgumentParser:
     _add_scale(commands)
     bench = commands.add_parser("bench", help="run the benchmark scripts")
     bench.add_argument("suite", nargs="?", metavar="SUITE", help="one of the scripts; all of them without it")
-    bench.set_defaults(command="bench")
-    robots = commands.add_parser("robots", help="list the robots known by name")
-    robots.set_defaults(command="robots")
+    commands.add_parser("robots", help="list the robots known by name")
     check = commands.add_parser("check", help="check a problem (TOML) or a robot (URDF) without solving")
     check.add_argument("file", metavar="FILE", help="a problem file, the name of a catalogue problem, or a URDF file")
-    check.set_defaults(command="check")
     return parser
+
+
+def _folder(text: str) -> Path:
+    """The path of a folder; nothing is none, though Path would take it for the present folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name: expected a folder for the results, such as results")
+    return Path(text)
+
+
+_SHARED = {
+    "problem": {"metavar": "PROBLEM.toml", "help": "a problem file, or the name of a catalogue problem"},
+    "plan": {"metavar": "PLAN.npz", "help": "plan.npz of `energyopt plan`, or its folder"},
+    "--out": {"type": _folder, "metavar": "DIR", "help": "folder for the results; without it nothing is written"},
+    "--no-replay": {"action": "store_true", "help": "leave out the replay in MuJoCo"},
+    "--no-figures": {"action": "store_true", "help": "leave out figures and report page"},
+    "--quiet": {"action": "store_true", "help": "no progress on the terminal, no table"},
+    "--processes": {"type": int, "metavar": "N", "help": "worker processes; one a core without it"},
+    "--step": {"type": float, "metavar": "S", "help": "physics step [s], at most 0.001", "dest": "physics_step"},
+    "--collisions": {"action": argparse.BooleanOptionalAction, "help": "insist on looking for contacts, or leave it out"},
+}
+"""Arguments that several commands have."""
+
+
+def _share(command: argparse.ArgumentParser, *names: str, **changed: str) -> None:
+    """Add arguments of `_SHARED` to a command, with other words where they mean something else there."""
+    for name in names:
+        command.add_argument(name, **_SHARED[name] | changed)
 
 
 def _add_plan(commands: argparse._SubParsersAction) -> None:
     plan = commands.add_parser("plan", help="plan a motion, replay it in MuJoCo, write the results")
-    plan.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
-    plan.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
-    plan.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
-    plan.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
-    plan.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
+    _share(plan, "problem", "--out", "--no-replay", "--no-figures", "--quiet")
     _add_overrides(plan)
-    plan.set_defaults(command="plan")
 
 
 def _add_batch(commands: argparse._SubParsersAction) -> None:
     batch = commands.add_parser("batch", help="plan many problems in parallel, write the results and a table of them")
     batch.add_argument("problems", nargs="+", metavar="PROBLEM", help="problem files, folders of them, catalogue names")
-    batch.add_argument("--out", type=_folder, metavar="DIR", help="folder for the results; without it nothing is written")
-    batch.add_argument("--processes", type=int, metavar="N", help="worker processes; one a core without it")
-    batch.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
-    batch.add_argument("--quiet", action="store_true", help="no progress on the terminal, no table")
+    _share(batch, "--out", "--processes", "--no-replay", "--quiet")
     _add_overrides(batch)
-    batch.set_defaults(command="batch")
 
 
 def _add_overrides(command: argparse.ArgumentParser) -> None:
@@ -79,51 +94,40 @@ def _add_overrides(command: argparse.ArgumentParser) -> None:
 
 def _add_sweep(commands: argparse._SubParsersAction) -> None:
     sweep = commands.add_parser("sweep", help="what a motion costs against the time it is given")
-    sweep.add_argument("problem", metavar="PROBLEM.toml", help="a problem file, or the name of a catalogue problem")
+    _share(sweep, "problem")
     given = {"required": True, "metavar": "FROM:TO:COUNT", "help": "durations [s], such as 0.8:4:20"}
     sweep.add_argument("--duration", type=_durations, **given)
-    sweep.add_argument("--out", type=_folder, metavar="DIR", help="folder for sweep.csv, sweep.json and sweep.png")
-    sweep.add_argument("--no-figures", action="store_true", help="leave out the figure")
-    sweep.add_argument("--processes", type=int, metavar="N", help="at most this many; one a core by default")
-    sweep.set_defaults(command="sweep")
-
-
-def _add_for_saved_plan(commands: argparse._SubParsersAction, name: str, what: str, files: str) -> argparse.ArgumentParser:
-    """A command that takes a saved plan, and the folder for its files."""
-    command = commands.add_parser(name, help=what)
-    command.add_argument("plan", metavar="PLAN.npz", help="plan.npz of `energyopt plan`, or its folder")
-    command.add_argument("--out", type=_folder, metavar="DIR", help=f"folder for {files}")
-    command.set_defaults(command=name)
-    return command
+    _share(sweep, "--out", help="folder for sweep.csv, sweep.json and sweep.png")
+    _share(sweep, "--no-figures", help="leave out the figure")
+    _share(sweep, "--processes", help="at most this many; one a core by default")
 
 
 def _add_scale(commands: argparse._SubParsersAction) -> None:
-    files = "the results; without it nothing is written"
-    scale = _add_for_saved_plan(commands, "scale", "make a saved plan slower or faster as a whole", files)
+    scale = commands.add_parser("scale", help="make a saved plan slower or faster as a whole")
+    _share(scale, "plan", "--out")
     wanted = scale.add_mutually_exclusive_group(required=True)
     wanted.add_argument("--duration", type=float, metavar="S", help="new duration [s]")
     for name, meaning in (("cheapest", "the duration of least J"), ("fastest", "the shortest duration")):
         words = f"{meaning} at which the limits hold"
         wanted.add_argument(f"--{name}", action="store_const", const=name, dest="chosen", help=words)
-    scale.add_argument("--no-replay", action="store_true", help="leave out the replay in MuJoCo")
-    scale.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    _share(scale, "--no-replay", "--no-figures")
 
 
 def _add_replay(commands: argparse._SubParsersAction) -> None:
-    replay = _add_for_saved_plan(commands, "replay", "replay a saved plan in MuJoCo", "results with this replay")
-    replay.add_argument("--no-figures", action="store_true", help="leave out figures and report page")
+    replay = commands.add_parser("replay", help="replay a saved plan in MuJoCo")
+    _share(replay, "plan")
+    _share(replay, "--out", help="folder for results with this replay")
+    _share(replay, "--no-figures")
     replay.add_argument("--stiffness", type=float, metavar="KP", help="feedback on position [1/s²]")
     replay.add_argument("--damping", type=float, metavar="KD", help="feedback on velocity [1/s]")
-    replay.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
-    replay.add_argument(
-        "--collisions", action=argparse.BooleanOptionalAction, help="insist on looking for contacts, or leave it out"
-    )
+    _share(replay, "--step", "--collisions")
     replay.add_argument("--model", metavar="FILE", help="simulate another robot: a URDF, a name, or a problem file's")
 
 
 def _add_robust(commands: argparse._SubParsersAction) -> None:
-    what = "energy, limits and replays of a saved plan for arms unlike their model"
-    robust = _add_for_saved_plan(commands, "robust", what, "robustness.json and robustness.png")
+    robust = commands.add_parser("robust", help="energy, limits and replays of a saved plan for arms unlike their model")
+    _share(robust, "plan")
+    _share(robust, "--out", help="folder for robustness.json and robustness.png")
     robust.add_argument("--payload", type=_bounds, metavar="LO:HI", help="mass carried besides [kg], such as 0:2")
     robust.add_argument("--masses", type=float, default=0.0, metavar="PERCENT", help="± on the masses of the arm's bodies")
     robust.add_argument("--friction", type=float, default=0.0, metavar="PERCENT", help="± on the friction of the joints")
@@ -133,8 +137,8 @@ def _add_robust(commands: argparse._SubParsersAction) -> None:
     robust.add_argument("--delay", type=int, default=0, metavar="STEPS", help="physics steps from measurement to torque")
     robust.add_argument("--position-noise", type=float, default=0.0, metavar="SD", help="of the sensors [rad]")
     robust.add_argument("--velocity-noise", type=float, default=0.0, metavar="SD", help="of the sensors [rad/s]")
-    robust.add_argument("--step", type=float, metavar="S", help="physics step [s], at most 0.001", dest="physics_step")
-    robust.add_argument("--collisions", action=argparse.BooleanOptionalAction, help="insist on contacts, or leave them out")
+    _share(robust, "--step")
+    _share(robust, "--collisions", help="insist on contacts, or leave them out")
 
 
 def _accuracy(text: str) -> float | bool:
@@ -168,13 +172,6 @@ def _bounds(text: str) -> tuple[float, float]:
         return float(low), float(high or low)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text[:80]}': expected two numbers with a colon between, such as 0:2") from None
-
-
-def _folder(text: str) -> Path:
-    """The path of a folder; nothing is none, though Path would take it for the present folder."""
-    if not text.strip():
-        raise argparse.ArgumentTypeError("an empty name: expected a folder for the results, such as results")
-    return Path(text)
 
 
 class _Version(argparse.Action):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from energyopt.arguments import check_plan
+from energyopt.clock import now
 from energyopt.errors import InputError
 from energyopt.plans import Plan, Status
 from energyopt.problem import Waypoint
@@ -27,7 +27,7 @@ def rescale(plan: Plan, duration: float | Callable[[UniformScaling], float]) -> 
         InputError: no plan, or no such duration.
     """
     check_plan("rescale", plan)
-    began, problem = time.perf_counter(), plan.problem
+    began, problem = now(), plan.problem
     if callable(duration):
         duration = duration(_scaling(plan))
     T = _one_duration(duration)
@@ -40,7 +40,7 @@ def rescale(plan: Plan, duration: float | Callable[[UniformScaling], float]) -> 
     terms, violations = cost(problem, motion), verify(problem, motion)
     solved = is_valid(violations)
     message = f"scaled from {plan.duration:.4g} s to {T:.4g} s; {describe(violations)}"
-    spent = {"build": 0.0, "compile": 0.0, "solve": 0.0, "verify": time.perf_counter() - began}
+    spent = {"build": 0.0, "compile": 0.0, "solve": 0.0, "verify": now() - began}
     return replace(
         plan, problem=problem, status=Status.SOLVED if solved else Status.LIMITS_VIOLATED, message=message, trajectory=motion,
         objective=sum(terms.values()), cost_terms=terms, violations=violations, discretization_error=None, iterations=0,

@@ -7,12 +7,12 @@ independent dense check as any plan's.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from energyopt.clock import now
 from energyopt.errors import InputError, NoSolutionFound
 from energyopt.parameterizations.path_trajectory import PathTrajectory
 from energyopt.parameterizations.trajectory import Trajectory
@@ -69,7 +69,7 @@ def retime(
         InputError: an argument makes no sense, the path leaves the position limits, or the duration is too short for it.
         NoSolutionFound: no valid timing was found; carries the best attempt.
     """
-    began = time.perf_counter()
+    began = now()
     task, durations = path_task(path, robot, duration, (start_speed, goal_speed), smooth_ends, options)
     guess = first_law(task, durations)
     count = span_count(task, guess.duration) if spans is None else whole("spans", spans, 8, 2000)
@@ -78,17 +78,17 @@ def retime(
         PathProfile(task.curve, robot), problem.limits, (problem.torque_weights, problem.velocity_weight), task.ends,
         durations, count,
     )  # fmt: skip
-    built = time.perf_counter()
+    built = now()
     with single_thread(), Interrupts() as interrupted:
         found = optimal_law(request, guess, interrupted)
-    plan = _plan(task, found, count, {"build": built - began, "compile": 0.0, "solve": time.perf_counter() - built})
+    plan = _plan(task, found, count, {"build": built - began, "compile": 0.0, "solve": now() - built})
     if throw and plan.status not in (Status.SOLVED, Status.INTERRUPTED):
         raise NoSolutionFound(plan)
     return plan
 
 
 def _plan(task: PathTask, found: LawResult, spans: int, spent: dict[str, float]) -> Plan:
-    began = time.perf_counter()
+    began = now()
     motion = PathTrajectory(task.curve, found.law)
     problem = replace(task.problem, duration=motion.duration, **_end_rates(task, motion))
     terms, violations = cost(problem, motion), verify(problem, motion)
@@ -109,7 +109,7 @@ def _plan(task: PathTask, found: LawResult, spans: int, spent: dict[str, float])
     return Plan(
         problem=problem, status=status, message=message, trajectory=motion, objective=sum(terms.values()), cost_terms=terms,
         violations=violations, discretization_error=None, iterations=found.iterations,
-        time_s=spent | {"verify": time.perf_counter() - began}, seed=0, options=options, notes=problem.robot.notes,
+        time_s=spent | {"verify": now() - began}, seed=0, options=options, notes=problem.robot.notes,
     )  # fmt: skip
 
 

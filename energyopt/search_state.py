@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from energyopt.avoidance import Avoidance
+from energyopt.clock import now
 from energyopt.dynamics.kernels import Kernels, kernels_of
 from energyopt.parameterizations.space import MotionSpace
 from energyopt.parameterizations.trajectory import Trajectory
@@ -51,6 +53,24 @@ class Spent:
     def add(self, other: Spent) -> None:
         self.iterations, self.build_s = self.iterations + other.iterations, self.build_s + other.build_s
         self.solve_s += other.solve_s
+
+    @contextmanager
+    def building(self) -> Iterator[None]:
+        """Count the time of what is done meanwhile as building."""
+        began = now()
+        try:
+            yield
+        finally:
+            self.build_s += now() - began
+
+    @contextmanager
+    def solving(self) -> Iterator[None]:
+        """Count the time of what is done meanwhile as solving, less what of it was building."""
+        began, built = now(), self.build_s
+        try:
+            yield
+        finally:
+            self.solve_s += now() - began - (self.build_s - built)
 
 
 @dataclass
@@ -108,20 +128,28 @@ class SearchState:
     @property
     def scale(self) -> float:
         """What errors of J are relative to."""
-        return max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
+        return max(abs(self.objective), LEAST_SHARE * abs(self.first_objective), 1e-300)
 
     def copy(self) -> Self:
         """The search as it is now; what is done to one is not done to the other."""
         return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
 
-    def restarted(self, problem: Problem, options: SearchOptions, avoidance: Avoidance | None, spent: Spent) -> Self:
-        """A search of a similar problem that begins with this one's motion, knots and rows, in its own duration."""
+    def restarted(
+        self,
+        problem: Problem,
+        options: SearchOptions,
+        avoidance: Avoidance | None,
+        spent: Spent,
+        motion: Trajectory | None = None,
+    ) -> Self:
+        """A search of a similar problem that begins on this one's knots, with its rows, in that problem's duration: with this
+        one's motion, or with another of that duration."""
         factor = problem.duration / self.space.duration
         return type(self)(
             problem,
-            self.space.stretched(problem.duration),
-            self.kernels,
-            self.trajectory.stretched(problem.duration),
+            self.space if factor == 1.0 else self.space.stretched(problem.duration),
+            kernels_of(problem.robot.dynamics),
+            motion or self.trajectory.stretched(problem.duration),
             options,
             avoidance,
             name=self.name,

@@ -43,7 +43,7 @@ def no_more_processes() -> Iterator[None]:
         _ALONE.reset(token)
 
 
-def is_alone() -> bool:
+def alone() -> bool:
     """Whether this is inside `no_more_processes`."""
     return _ALONE.get()
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from energyopt.errors import InputError
-from energyopt.serving import WorkerError, WorkerLost, is_alone, pickled, read, skip_to_begin, write
+from energyopt.serving import WorkerError, WorkerLost, alone, pickled, read, skip_to_begin, write
 
 log = logging.getLogger("energyopt")
 
@@ -54,7 +54,7 @@ def call_all(
         (number of the tuple, what the function returned) in the order they end; in place of a result the exception it raised, or
         a `WorkerError`.
     """
-    if is_alone():
+    if alone():
         yield from _call_here(function, arguments, stop)
         return
     name, numbered = name_of(function), enumerate(arguments)

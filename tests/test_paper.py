@@ -202,16 +202,6 @@ def test_the_page_shows_the_costs_and_verdicts_of_today(name):
         assert held < 0.02 and other < 0.1
 
 
-def test_tables_go_between_their_marks_or_nowhere(tmp_path, monkeypatch):
-    page = tmp_path / "page.md"
-    monkeypatch.setattr(reproduce, "PAGE", page)
-    with pytest.raises(SystemExit, match="are missing"):
-        reproduce._write("new")
-    page.write_text(f"above\n{reproduce.BEGIN}\nold\n{reproduce.END}\nbelow\n", encoding="utf-8")
-    reproduce._write("new")
-    assert page.read_text(encoding="utf-8").split() == ["above", *reproduce.BEGIN.split(), "new", *reproduce.END.split(), "below"]
-
-
 def test_figures_have_four_panels_with_every_motion():
     problem, found = judged("panda")
     some = {key: found[key] for key in (reproduce.HEURISTIC, reproduce.SPLINE)}

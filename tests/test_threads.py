@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from energyopt import fanout, threads, workers
-from energyopt.search import SearchOptions
+from energyopt.search_state import SearchOptions
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_no_more_processes_search_than_there_are_processors_for_us(two_of_64, mo
     asked = []
     monkeypatch.setattr(fanout, "call_all", lambda function, calls, processes, stop: asked.append(processes) or iter(()))
     searcher = SimpleNamespace(options=SearchOptions())
-    fanout.search_in_processes(searcher, iter(()), SimpleNamespace(searches=[], put_in_order=lambda *_: None), lambda: False)
+    fanout.search_in_processes(searcher, iter(()), SimpleNamespace(tried=[], put_in_order=lambda *_: None), lambda: False)
     assert asked == [2]
 
 

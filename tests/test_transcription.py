@@ -46,9 +46,7 @@ PROBLEMS = {
     "free waypoints and a timed one": lambda: two_link_problem(
         waypoints=[[0.0, 0.5], [0.2, 0.3], ([0.5, 0.0], 0.4), [1.0, -0.4]], torque_limits=30.0
     ),
-    "free waypoint, goal position of the tool": lambda: two_link_problem(
-        goal=eo.FramePose("tool", TIP), waypoints=[[0.2, 0.3]]
-    ),
+    "free waypoint, goal position of the tool": lambda: two_link_problem(goal=eo.FramePose("tool", TIP), waypoints=[[0.2, 0.3]]),
 }
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 from _rival import Attempt, Rival, timed
-from _shared import stages_timed_by
 
 import energyopt as eo
+from energyopt.clock import timed_by
 from energyopt.dynamics.kernels import kernels_of
 
 
@@ -31,7 +31,7 @@ class Ours(Rival):
 
     def solve(self, problem):
         """The solve is energyopt's stage of that name (refinement and torque rows included); the rest of `plan` is build."""
-        with stages_timed_by(time.process_time):
+        with timed_by(time.process_time):
             plan, total = timed(lambda: eo.plan(problem, eo.BSpline(accuracy=self.accuracy), starts=1, throw=False))
         solve = plan.time_s["solve"]
         return Attempt(plan.trajectory, plan.solved, plan.iterations, solve, total - solve)

@@ -10,7 +10,7 @@ from typing import Any
 from _rivals_case import rival
 from _shared import Goal, table
 
-from energyopt.io import write_atomic
+from energyopt.io.pages import write_block
 from energyopt.versions import versions
 
 BEGIN, END = "<!-- rivals: begin (written by problems/benchmarks/rivals.py --docs) -->", "<!-- rivals: end -->"
@@ -48,12 +48,8 @@ def goals(results: dict) -> list[Goal]:
 
 
 def write_page(path: Path, results: dict, host: dict[str, Any]) -> None:
-    """Replace what stands between the markers of a Markdown page."""
-    page = path.read_text(encoding="utf-8")
-    if BEGIN not in page or END not in page:
-        raise SystemExit(f"{path}: the markers are missing; expected '{BEGIN}' and '{END}'")
-    before, after = page.split(BEGIN)[0], page.split(END)[1]
-    write_atomic(path, f"{before}{BEGIN}\n{_markdown(results, host)}{END}{after}".encode())
+    """The tables into a Markdown page."""
+    write_block(path, (BEGIN, END), _markdown(results, host))
 
 
 def _markdown(results: dict, host: dict[str, Any]) -> str:

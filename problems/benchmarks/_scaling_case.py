@@ -13,10 +13,11 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from _shared import MOST_DRAWS, random_moves, stages_timed_by
+from _shared import MOST_DRAWS, random_moves
 
 import energyopt as eo
 from energyopt.clearance_checks import check_ends, clearance_of
+from energyopt.clock import timed_by
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.errors import InputError
 from energyopt.robots.catalogue import robots_folder
@@ -92,7 +93,7 @@ def measured(move: eo.Problem, spline: eo.BSpline, repeats: int) -> dict:
     """Plan a move several times; the stages of the quickest."""
     quickest = None
     for _ in range(repeats):
-        with stages_timed_by(time.process_time):
+        with timed_by(time.process_time):
             began = time.process_time()
             plan = eo.plan(move, spline, starts=1, throw=False)
             total = time.process_time() - began

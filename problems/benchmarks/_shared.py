@@ -11,23 +11,14 @@ import argparse
 import json
 import os
 import platform
-import re
-import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-import energyopt.attempts
-import energyopt.campaign
-import energyopt.planning
-import energyopt.racing
-import energyopt.search
 from energyopt import Problem, RobotModel
 from energyopt.clearance_checks import check_ends
 from energyopt.errors import ProblemError
@@ -123,20 +114,6 @@ def machine() -> dict[str, Any]:
     return {"cpu": cpu, "cores": cores, "load": round(load, 2), "system": f"{platform.system()} {platform.machine()}"}
 
 
-@contextmanager
-def stages_timed_by(clock: Clock):
-    """While this runs, `plan` reads ``clock`` where it otherwise reads wall time, so that `Plan.time_s` holds its seconds."""
-    modules = energyopt.planning, energyopt.campaign, energyopt.attempts, energyopt.racing, energyopt.search
-    kept = [module.time for module in modules]
-    for module in modules:
-        module.time = SimpleNamespace(perf_counter=clock, monotonic=time.monotonic)
-    try:
-        yield
-    finally:
-        for module, original in zip(modules, kept, strict=True):
-            module.time = original
-
-
 def random_moves(robot: RobotModel, count: int, seed: int, self_collision: bool = False, **options: Any) -> list[Problem]:
     """Random rest-to-rest moves with all the robot's limits on; rivals do not know self-collision, so it is off by default.
 
@@ -193,13 +170,3 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     forms = [f"{{:{'<' if k == 0 else '>'}{w}}}" for k, w in enumerate(width)]
     lines = ["  " + "  ".join(forms).format(*row).rstrip() for row in cells]
     return "\n".join([lines[0], "  " + "-" * (sum(width) + 2 * len(width) - 2), *lines[1:], ""])
-
-
-def write_block(page: Path, marks: tuple[str, str], block: str) -> None:
-    """Put a block of text between two lines of a page, in place of what stands there; leaves where they are missing."""
-    begin, end = marks
-    text = page.read_text(encoding="utf-8") if page.is_file() else ""
-    pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    if not pattern.search(text):
-        sys.exit(f"{page}: the lines '{begin}' and '{end}' are missing; --docs is for a checkout")
-    page.write_text(pattern.sub(lambda _: f"{begin}\n\n{block}\n\n{end}", text), encoding="utf-8")

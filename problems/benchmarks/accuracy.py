@@ -10,12 +10,14 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from _shared import CLOCKS, Goal, Report, parser, publish, quartiles, random_moves, settings, shown, stages_timed_by, table
+from _shared import CLOCKS, Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table
 
 import energyopt as eo
+from energyopt.clock import timed_by
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations.bspline import SplineSpace
-from energyopt.search import GOOD, ROUNDS
+from energyopt.rounds import ROUNDS
+from energyopt.search_state import GOOD
 from energyopt.solvers import SolverOptions, solve
 from energyopt.transcription import Cuts, transcribe
 from energyopt.verification import objective
@@ -48,7 +50,7 @@ def main() -> int:
 def _run(problem: eo.Problem, parsed) -> dict:
     seconds, least = {}, {}
     for clock, read in CLOCKS.items():
-        with stages_timed_by(read):
+        with timed_by(read):
             plans = [eo.plan(problem, starts=1, throw=False) for _ in range(parsed.repeats)]
         seconds[clock] = float(np.median([plan.solve_s for plan in plans]))
         least[clock] = min(plan.solve_s for plan in plans)

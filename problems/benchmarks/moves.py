@@ -22,10 +22,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _shared import Report, parser, publish, quartiles, random_moves, settings, shown, table, write_block
+from _shared import Report, parser, publish, quartiles, random_moves, settings, shown, table
 
 import energyopt as eo
 from energyopt.costs import ElectricalEnergy
+from energyopt.io.pages import write_block
 from energyopt.metrics import metrics
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.verification import excessive, verify

@@ -15,10 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from _shared import Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table, write_block
+from _shared import Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table
 
 import energyopt as eo
 from energyopt.campaign import STARTS
+from energyopt.io.pages import write_block
 
 MEASURES = "J and processor time of plans from the default number of guesses and from one, against the best of many guesses"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "benchmarks.md"

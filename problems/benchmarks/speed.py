@@ -13,10 +13,11 @@ import sys
 
 import _profile
 import numpy as np
-from _shared import CLOCKS, Goal, Report, parser, publish, quartiles, random_moves, settings, shown, stages_timed_by, table
+from _shared import CLOCKS, Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table
 from _textbook import VARIANTS, Textbook
 
 import energyopt as eo
+from energyopt.clock import timed_by
 
 MEASURES = "seconds of energyopt.plan with fixed knots on random moves, against the textbook formulation (CasADi map and AD)"
 SAME_OPTIMUM = 1e-4
@@ -63,7 +64,7 @@ def _arguments():
 def timed_plan(problem: eo.Problem, spline: eo.BSpline, clock: str) -> tuple[eo.Plan, dict[str, float]]:
     """A plan and the seconds of its stages by one clock."""
     read = CLOCKS[clock]
-    with stages_timed_by(read):
+    with timed_by(read):
         began = read()
         plan = eo.plan(problem, spline, starts=1, throw=False)
         total = read() - began

@@ -15,7 +15,6 @@ docs/validation.md, --figures DIR draws.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from motions import CYCLES, SLOWEST, scaled, sinusoidal_stroke
 
 import energyopt as eo
 from energyopt.costs import MechanicalPower
+from energyopt.io.pages import write_block
 from energyopt.metrics import metrics
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plots import look
@@ -190,17 +190,8 @@ def main() -> int:
     text = section(folder=parsed.figures)
     print(f"\n{text}")
     if parsed.docs:
-        _write(text)
+        write_block(PAGE, (BEGIN, END), text)
     return 0
-
-
-def _write(text: str) -> None:
-    """The tables between their marks in docs/validation.md."""
-    page = PAGE.read_text(encoding="utf-8") if PAGE.is_file() else ""
-    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    if not pattern.search(page):
-        sys.exit(f"{PAGE}: the lines '{BEGIN}' and '{END}' are missing; --docs is for a checkout")
-    PAGE.write_text(pattern.sub(lambda _: f"{BEGIN}\n\n{text}\n\n{END}", page), encoding="utf-8")
 
 
 def _save(drawn: Figure, path: Path) -> None:
