@@ -8,7 +8,7 @@ and then free ones.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -39,6 +39,8 @@ class Attempt:
         name, motion: of the guess; goal: the configuration it ends in.
         free: whether it is known to be free of obstacles.
         apart: whether links of the arm are to be kept apart from the beginning.
+        warm: whether it is nearly optimal, on knots made for it.
+        patient: whether it is worth many iterations, unlike one of many guesses.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Attempt:
     goal: np.ndarray
     free: bool = False
     apart: bool = False
+    warm: bool = False
+    patient: bool = False
 
 
 @dataclass
@@ -74,10 +78,13 @@ class Attempts:
         Raises:
             ProblemError: start or goal touches something, or no goal configuration is possible.
         """
+        began = now()
         targets = goals(self.problem, self.seed)
         if isinstance(self.problem.goal, FramePose):
-            return self._possible(targets)
-        check_ends(self.problem, self.problem.goal_position)
+            targets = self._possible(targets)
+        else:
+            check_ends(self.problem, self.problem.goal_position)
+        self.seconds += now() - began
         return targets
 
     def all(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
@@ -113,10 +120,10 @@ class Attempts:
     def _all(self, targets: list[np.ndarray]) -> Iterator[Attempt]:
         problem = self.problem
         if self.given is not None:
-            yield self.given_by(self.given, targets)
+            yield replace(self.given_by(self.given, targets), warm=True, patient=True)
         if is_plain(problem):
             for guess in diverse(problem, targets, self.seed, self.kernels):
-                yield Attempt(guess.name, guess.motion, guess.goal)
+                yield Attempt(guess.name, guess.motion, guess.goal, patient=guess.name == "straight")
         free = FreeSpace.of(
             problem.robot,
             arm_obstacles(problem),

@@ -27,7 +27,7 @@ from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
 from energyopt.progress import Counter, told
-from energyopt.workers import WorkerError, no_more_processes
+from energyopt.serving import WorkerError, WorkerLost, no_more_processes
 
 _OWN = ("problem", "parameterization", "verbose", "throw")
 
@@ -169,8 +169,9 @@ def described(error: BaseException) -> tuple[FailureStatus, str]:
     text = " ".join(str(error).split())
     if isinstance(error, InputError):
         return FailureStatus.BAD_INPUT, text
-    lost = isinstance(error, (WorkerError, CancelledError)) or is_loss(error)
-    named = text if isinstance(error, EnergyOptError) else f"{type(error).__name__}: {text}".removesuffix(": ")
+    lost = isinstance(error, (WorkerLost, CancelledError)) or is_loss(error)
+    plain = isinstance(error, EnergyOptError) or type(error) is WorkerError
+    named = text if plain else f"{type(error).__name__}: {text}".removesuffix(": ")
     return FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR, named
 
 

@@ -26,10 +26,10 @@ from energyopt.places import Place
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.progress import told
+from energyopt.serving import no_more_processes
 from energyopt.solvers.interrupts import Interrupts
 from energyopt.stopping import whole_files
 from energyopt.versions import versions
-from energyopt.workers import no_more_processes
 from energyopt.workflow import plain, prepare_folder, run, write_results
 
 TABLES = ("results.csv", "results.json")

@@ -10,25 +10,26 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
-from energyopt.attempts import Attempt, Attempts, is_plain, with_first_duration
+from energyopt.attempts import Attempt, Attempts, is_plain
 from energyopt.avoidance import avoidance_of
-from energyopt.clock import now
 from energyopt.detours import Detours
 from energyopt.dynamics.kernels import Kernels
 from energyopt.fanout import search_in_processes
 from energyopt.found import SAME, Found
-from energyopt.optima import Optimum
+from energyopt.optima import Optimum, above
 from energyopt.parameterizations import BSpline
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import FramePose, Problem
 from energyopt.racing import Judge, Runner, winner
 from energyopt.refinement import ALIKE, DOUBT, difference
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.searcher import FIRMEST, Parameterization, Searcher, is_promising
+from energyopt.serving import alone
 from energyopt.solvers import Outcome
 
 STARTS = 64
@@ -36,13 +37,13 @@ STARTS = 64
 measured by `problems/benchmarks/optima.py`."""
 HOPS, LEAST_HOPS = 0.4, 2
 """Share of the guesses that are changed copies of the best optima the others have led to."""
-ROUNDS = 4
+HOP_ROUNDS = 4
 """Rounds of these: what one finds is changed in the next."""
 KINDS = ("best", "alone", "cheapest", "alone")
 """What is changed, in turn, where the arm is in its own way; see `Campaign._hops`."""
 GUESSING = 0.6
 """Share of a time limit for guesses, once one has led to an optimum; the rest is for refining."""
-HOPELESS = 8
+MOST_INFEASIBLE = 8
 """Guesses after which, where all contradict the limits, there are no more: these knots hold no motion."""
 FALLBACKS = 3
 """Further guesses tried where the first ones lead to no valid motion."""
@@ -52,7 +53,13 @@ WORTH_PROCESSES = 6.0
 
 @dataclass
 class Campaign:
-    """All searches of one call of `plan`."""
+    """All searches of one call of `plan`.
+
+    Attributes:
+        problem: with the duration to start from; durations: its bounds [s], where it is free.
+        given: a motion the caller starts from; path_search: what looks for ways around obstacles.
+        optima: distinct ones, once `run` has ended.
+    """
 
     problem: Problem
     parameterization: Parameterization
@@ -69,14 +76,13 @@ class Campaign:
 
     def __post_init__(self):
         how = self.problem, self.parameterization, self.kernels, self.options, self.durations
-        end = self.options.deadline
-        self.searcher = Searcher(*how)
-        until = np.inf if end is None else end
+        self.searcher = Searcher(*how, avoidance_of(self.problem))
+        until = np.inf if self.options.deadline is None else self.options.deadline
         self.attempts = Attempts(self.problem, self.kernels, self.seed, self.given, self.path_search, until)
 
     def run(self, starts: int | None) -> Search:
         """The best search, refined."""
-        targets = self._begin()
+        targets = self.attempts.targets()
         source = self.attempts.all(targets)
         found, detours = self.found, Detours(self.searcher, self.found, targets)
         wanted = starts or self._starts(targets)
@@ -89,22 +95,21 @@ class Campaign:
         if starts is None and len(found.searches) == 1:
             detours.go_on(source)
         self.optima = found.optima(self.seed)
-        if found.searches[-1].outcome is Outcome.INTERRUPTED:
+        if found.last.outcome is Outcome.INTERRUPTED:
             return self.interrupted()
         if found.infeasible and not found.any_promising:
             for search in self.searcher.on_finer_knots(next(self.attempts.all(targets))):
                 found.add(search)
-        return self._best(detours.worse)
+        return self._best()
 
     def resume(self, begun: Search) -> Search:
         """The optimum near that of a similar problem: on its knots, with its rows, in the time of this one."""
-        self.given = self.attempts.given = begun.trajectory
-        targets = self._begin([begun.trajectory(begun.trajectory.duration)])
+        posed = isinstance(self.problem.goal, FramePose)
+        targets = [begun.trajectory(begun.trajectory.duration)] if posed else self.attempts.targets()
         attempt, accuracy = self.attempts.given_by(begun.trajectory, targets), self.searcher.accuracy
         search = begun.restarted(self.problem, self.options, self.searcher.relaxed(attempt), self.searcher.spent)
         search.durations = self.durations
-        self.found.searches.append(search)
-        self.found.names.append("the optimum before")
+        self.found.add(search)
         self.searcher.current = search
         if search.resume() and accuracy is not None:
             far, search.gain = difference(attempt.motion, search.trajectory), begun.gain  # what these knots were refined by
@@ -127,16 +132,6 @@ class Campaign:
             best.outcome = Outcome.INTERRUPTED  # also where it had converged: the caller asked for more
         return best
 
-    def _begin(self, posed: list[np.ndarray] | None = None) -> list[np.ndarray]:
-        """Choose a duration, where it is free; returns goal configurations to aim at (``posed``, where the goal is a pose)."""
-        began = now()
-        self.problem = with_first_duration(self.problem, self.durations, self.seed, self.kernels, self.given)
-        self.attempts.problem = self.searcher.problem = self.problem
-        targets = posed if posed and isinstance(self.problem.goal, FramePose) else self.attempts.targets()
-        self.searcher.avoidance = avoidance_of(self.problem)
-        self.attempts.seconds += now() - began
-        return targets
-
     def _starts(self, targets: list[np.ndarray]) -> int:
         """How many guesses are tried by default."""
         if self.given is not None:
@@ -150,11 +145,11 @@ class Campaign:
         hopping = hopping if hopping >= LEAST_HOPS else 0
         self._search_all(source, wanted - hopping)
         found.keep_apart(self.searcher, self._enough)
-        for k in range(ROUNDS):
-            numbers = range(hopping * k // ROUNDS, hopping * (k + 1) // ROUNDS)
+        for k in range(HOP_ROUNDS):
+            numbers = range(hopping * k // HOP_ROUNDS, hopping * (k + 1) // HOP_ROUNDS)
             if found.stopped or not numbers or not found.best():
                 return
-            self._search_all(self._hops(targets, numbers), len(found.searches) + len(numbers))
+            self._search_all(self._hops(targets, numbers), len(found.tried) + len(numbers))
             found.keep_apart(self.searcher, self._enough)
 
     def _search_among_obstacles(self, source: Iterator[Attempt], wanted: int) -> None:
@@ -173,17 +168,21 @@ class Campaign:
 
     def _search_all(self, source: Iterator[Attempt], wanted: int) -> None:
         """Search from guesses until there are ``wanted`` searches, a few more where none is promising."""
-        searches, first = self.found.searches, True
-        while len(searches) < wanted or (len(searches) < wanted + FALLBACKS and not self.found.any_promising):
+        found = self.found
+        while not found.stopped and (rest := wanted - len(found.tried)) > (0 if found.any_promising else -FALLBACKS):
             if self._enough() or (attempt := next(source, None)) is None:
                 return
-            self.found.add(self.searcher.search(attempt), attempt)
-            if self.found.stopped or len(searches) == self.found.infeasible >= HOPELESS:
+            if self._in_processes(rest):
+                search_in_processes(self.searcher, chain([attempt], islice(source, rest - 1)), found, self._enough)
+            else:
+                found.add(self.searcher.search(attempt), attempt)
+            if len(found.tried) == found.infeasible >= MOST_INFEASIBLE:
                 return
-            rest = wanted - len(searches)
-            if first and rest > 1 and self._ahead(rest) > WORTH_PROCESSES:
-                search_in_processes(self.searcher, islice(source, rest), self.found, self._enough)
-            first = False
+
+    def _in_processes(self, rest: int) -> bool:
+        """Whether so many further searches are worth processes, which have to begin with something that is not hopeless."""
+        known = len(self.found.tried) > self.found.infeasible
+        return known and rest > 1 and not alone() and self._ahead(rest) > WORTH_PROCESSES
 
     def _hops(self, targets: list[np.ndarray], numbers: range) -> Iterator[Attempt]:
         """Changed copies of the best optima found so far.
@@ -197,13 +196,13 @@ class Campaign:
         for number in numbers:
             kind = KINDS[number % len(KINDS)] if aware and alone else "best"
             some = {"best": best, "cheapest": cheapest, "alone": alone}[kind]
-            rivals = [search for search in some if search.objective > some[0].objective * (1.0 + SAME)]
+            rivals = [search for search in some if above(search.objective, some[0].objective) > SAME]
             yield self.attempts.hops([some[0], *rivals[:1]], targets, number, aware and kind != "alone")
 
     def _ahead(self, rest: int) -> float:
         """About how long so many further searches will take [s], as far as there is time."""
         left = self.options.remaining()
-        seconds = rest * self.searcher.spent.solve_s / len(self.found.searches)
+        seconds = rest * self.searcher.spent.solve_s / len(self.found.tried)
         return seconds if left is None else min(seconds, GUESSING * left)
 
     def _enough(self) -> bool:
@@ -212,11 +211,16 @@ class Campaign:
         late = end is not None and time.monotonic() - self.began > GUESSING * (end - self.began)
         return late and self.found.any_promising
 
-    def _best(self, worse: list[Search]) -> Search:
+    def _best(self) -> Search:
         """The winner of the race; where none of those in it holds, of what has not been looked at, or was worse."""
         found, judge = self.found, self.judge
         firsts = found.firsts()
         best = found.apart() if is_plain(self.problem) else firsts
-        others = [search for search in firsts if not any(search is one for one in best)]
-        rest = sorted((search for search in found.searches if not is_promising(search)), key=judge.excess)
-        return winner(best, [*others, *worse, *rest], self.searcher.accuracy, judge)
+
+        def others() -> Iterator[Search]:
+            yield from (search for search in firsts if not any(search is one for one in best))
+            yield from found.worse
+            ended = [found.ended_by] if found.ended_by else []
+            yield from sorted((search for search in [*found.searches, *ended] if not is_promising(search)), key=judge.excess)
+
+        return winner(best, others(), self.searcher.accuracy, judge)

@@ -10,29 +10,28 @@ import numpy as np
 
 from energyopt.attempts import Attempt
 from energyopt.found import SAME, Found
+from energyopt.optima import above
 from energyopt.search import Search
-from energyopt.searcher import HOPELESS, STOP, Searcher, is_promising
+from energyopt.searcher import STICKS_OUT, STOP, Searcher, is_promising
 from energyopt.seeds import guesses
-from energyopt.solvers import Outcome
 from energyopt.transcription.penalty import overlap
 
-COSTLY, WORTH = 1.25, 1.08
-"""J over that of the best optimum without obstacles, from which a second guess is tried: much may be gained; and from which that
-optimum is the second guess, where it is another one than from the straight guess."""
-BETTER = 0.98
-"""Share of J below which that is said."""
+COSTLY, WORTH = 0.25, 0.08
+"""By which share J has to be above that of the best optimum without obstacles for a second guess to be tried, as much may be
+gained; and for that optimum to be the second guess, where it is another one than from the straight guess."""
+BETTER = 0.02
+"""By which share the other one's J has to be above it for that to be said."""
 UNAWARE = 3
 """Optima without obstacles that are looked for, from the straight guess and from bent ones: they cost little."""
 
 
 @dataclass
 class Detours:
-    """Searches among obstacles; ``worse``: searches that have given way to a better one, for the case that it does not hold."""
+    """Searches among obstacles."""
 
     searcher: Searcher
     found: Found
     targets: list[np.ndarray]
-    worse: list[Search] = field(default_factory=list)
     _unaware: list[Search] = field(default_factory=list)
 
     def begin(self, seed: int) -> None:
@@ -42,13 +41,13 @@ class Detours:
             name = f"free bent {k}" if k else "straight"
             search = self.searcher.search(Attempt(name, motion, self.targets[0]), unaware=True)
             if search.outcome in STOP:
-                self.found.searches.append(search)
+                self.found.ended_by = search
                 return
             others = [other.objective for other in self._unaware]
-            if search.converged and not any(abs(search.objective - other) <= SAME * abs(other) for other in others):
+            if search.converged and not any(abs(above(search.objective, other)) <= SAME for other in others):
                 self._unaware.append(search)
         for search in sorted(self._unaware, key=lambda search: search.objective):
-            if overlap(search.avoidance, search.trajectory) <= HOPELESS and search.clear():
+            if overlap(search.avoidance, search.trajectory) <= STICKS_OUT and search.clear():
                 self.found.add(search)
                 return
 
@@ -59,19 +58,15 @@ class Detours:
             return
         best = min(self._unaware, key=lambda search: search.objective)
         straight = [search.objective for search in self._unaware if search.name == "straight"]
-        other = best.objective < BETTER * min(straight, default=np.inf)
-        if other and first.objective > WORTH * best.objective:
+        other = above(min(straight, default=np.inf), best.objective) > BETTER
+        if other and above(first.objective, best.objective) > WORTH:
             self._compare(Attempt("free optimum", best.trajectory, self.targets[0]))
-        if not self.found.stopped and self.found.searches[0].objective > COSTLY * best.objective:
+        if not self.found.stopped and above(self.found.searches[0].objective, best.objective) > COSTLY:
             self._compare(next(source))
 
     def _compare(self, attempt: Attempt) -> None:
         """A search that takes the place of the first where it is better."""
         first, second = self.found.searches[0], self.searcher.search(attempt)
-        self.found.names.append(second.name)
-        if second.outcome is Outcome.INTERRUPTED:
-            self.found.searches.append(second)
-        elif is_promising(second):
-            better, other = sorted((first, second), key=lambda search: search.objective)
-            self.found.searches[:] = [better]
-            self.worse.append(other)
+        self.found.add(second)
+        if not self.found.stopped:
+            self.found.give_way(first if is_promising(second) and second.objective < first.objective else second)

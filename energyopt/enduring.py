@@ -99,6 +99,8 @@ class _Call(Future):
 
     def _start(self) -> None:
         self._attempt = attempt = self._begin(*self._what, self._losses)
+        if self.cancelled():  # while it was begun
+            attempt.cancel()
         attempt.add_done_callback(self._ended)
 
     def _ended(self, attempt: Future) -> None:
@@ -119,6 +121,8 @@ class _Call(Future):
                 self.set_result(attempt.result())
 
     def _again(self) -> None:
+        if self.done():  # cancelled meanwhile
+            return
         self._losses += 1
         try:
             self._start()
@@ -127,7 +131,8 @@ class _Call(Future):
                 self.set_exception(error)
 
     def cancel(self) -> bool:
-        attempt, cancelled = self._attempt, super().cancel()
+        cancelled = super().cancel()
+        attempt = self._attempt  # not before: until then another may have begun
         if cancelled and attempt is not None:
             attempt.cancel()
         return cancelled

@@ -10,7 +10,8 @@ from energyopt.avoidance import avoidance_of
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.found import Found
 from energyopt.problem import Problem
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.searcher import STOP, Parameterization, Searcher
 from energyopt.solvers import Outcome
 from energyopt.workers import call_all, cores
@@ -23,7 +24,7 @@ def search_in_processes(searcher: Searcher, attempts: Iterator[Attempt], found: 
     """Add the searches from all ``attempts``; fewer once it is ``enough``, or time is over."""
     sent: dict[int, Attempt] = {}
     numbers: list[int] = []
-    options, first = searcher.options, len(found.searches)
+    options, first = searcher.options, len(found.tried)
     stop = options.stop or (lambda: False)
     late = lambda grace: (left := options.remaining()) is not None and left < -grace
 
@@ -40,12 +41,12 @@ def search_in_processes(searcher: Searcher, attempts: Iterator[Attempt], found: 
         found.add(search, attempt)
         numbers.append(k)
         if options.progress is not None:
-            options.progress(f"start {len(found.searches)}", searcher.spent.iterations, search.objective, search.depth)
+            options.progress(f"start {len(found.tried)}", searcher.spent.iterations, search.objective, search.depth)
         if search.outcome in STOP:
             break
     found.put_in_order(first, numbers)
     if stop():
-        found.searches.append(replace(searcher.current, outcome=Outcome.INTERRUPTED))
+        found.ended_by = replace(searcher.current, outcome=Outcome.INTERRUPTED)
 
 
 def search_once(

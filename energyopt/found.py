@@ -7,15 +7,33 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from energyopt.attempts import Attempt
-from energyopt.optima import Optimum, distinct
+from energyopt.optima import Optimum, above, distinct, groups
 from energyopt.search import Search
 from energyopt.searcher import STOP, Searcher, is_promising
 from energyopt.solvers import Outcome
 
 SAME = 1e-4
 """Relative difference of J up to which two first searches ended in the same optimum."""
-NEAR = 1.1
-"""J over that of the best optimum up to which another one may be better on finer knots."""
+NEAR = 0.1
+"""By which share J may be above that of the best optimum, for another one to be better on finer knots."""
+
+
+@dataclass
+class Tried:
+    """What came of one guess.
+
+    Attributes:
+        search: from it; attempt: the guess, where links may be kept apart later.
+        is_apart: whether they are apart in it anyway; None where that was not looked at.
+        apart: the optimum with links kept apart; None where that was not looked for.
+        gave_way: whether the search of another guess has taken its place.
+    """
+
+    search: Search
+    attempt: Attempt | None = None
+    is_apart: bool | None = None
+    apart: Search | None = None
+    gave_way: bool = False
 
 
 @dataclass
@@ -23,32 +41,49 @@ class Found:
     """Searches, and what is known of them.
 
     Attributes:
-        searches: in the order of the guesses; names: of these guesses.
-        _attempts, _apart: guess and optimum with links kept apart of a search, by its `id`.
+        tried: in the order of the guesses.
+        ended_by: the search that the user or a time limit ended, where it is not one of a guess.
     """
 
-    searches: list[Search] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
-    _attempts: dict[int, Attempt] = field(default_factory=dict)
-    _apart: dict[int, Search] = field(default_factory=dict)
+    tried: list[Tried] = field(default_factory=list)
+    ended_by: Search | None = None
 
     def add(self, search: Search, attempt: Attempt | None = None) -> None:
         """One more search; with its ``attempt``, where it may be kept apart later."""
-        self.searches.append(search)
-        self.names.append(search.name)
-        if attempt is not None:
-            self._attempts[id(search)] = attempt
+        self.tried.append(Tried(search, attempt))
+
+    def give_way(self, search: Search) -> None:
+        """Leave a search to the case that no better one holds."""
+        next(one for one in self.tried if one.search is search).gave_way = True
 
     def put_in_order(self, first: int, numbers: list[int]) -> None:
-        """The searches from the place ``first`` on, in the order of these numbers."""
-        order = first + np.argsort(numbers, kind="stable")
-        self.searches[first:] = [self.searches[k] for k in order]
-        self.names[first:] = [self.names[k] for k in order]
+        """What was tried from the place ``first`` on, in the order of these numbers."""
+        self.tried[first:] = [self.tried[first + k] for k in np.argsort(numbers, kind="stable")]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the guesses."""
+        return [one.search.name for one in self.tried]
+
+    @property
+    def searches(self) -> list[Search]:
+        """Those that have not given way to another."""
+        return [one.search for one in self.tried if not one.gave_way]
+
+    @property
+    def worse(self) -> list[Search]:
+        """Those that have, for the case that the better ones do not hold."""
+        return [one.search for one in self.tried if one.gave_way]
+
+    @property
+    def last(self) -> Search:
+        """The search that ended last."""
+        return self.ended_by or self.tried[-1].search
 
     @property
     def stopped(self) -> bool:
         """Whether the last search was ended by the user or by a time limit."""
-        return bool(self.searches) and self.searches[-1].outcome in STOP
+        return self.ended_by is not None or (bool(self.tried) and self.last.outcome in STOP)
 
     @property
     def infeasible(self) -> int:
@@ -61,15 +96,7 @@ class Found:
 
     def firsts(self) -> list[Search]:
         """One promising search for each optimum, least J first: of those that ended in it the earliest."""
-        groups: list[list[int]] = []
-        promising = [k for k, search in enumerate(self.searches) if is_promising(search)]
-        for k in sorted(promising, key=lambda k: self.searches[k].objective):
-            objective = self.searches[k].objective
-            if groups and abs(objective - self.searches[groups[-1][0]].objective) <= SAME * abs(objective):
-                groups[-1].append(k)
-            else:
-                groups.append([k])
-        return [self.searches[min(group)] for group in groups]
+        return [members[0].search for members in self._optima()]
 
     def keep_apart(self, searcher: Searcher, enough) -> None:
         """Keep links apart in one optimum after another, least J first, as long as one can be the best.
@@ -78,23 +105,25 @@ class Found:
         is hopeless, unless links are apart in it anyway: then it may be the better one on finer knots. ``enough``: tells whether
         time is short.
         """
-        for search in self.firsts():
-            best = min((one.objective for one in self.best()), default=np.inf)
-            if search.objective >= NEAR * best or (best < np.inf and enough()):
+        for one in (members[0] for members in self._optima()):
+            search, best = one.search, min((other.objective for other in self.apart()), default=np.inf)
+            if best < np.inf and (above(search.objective, best) >= NEAR or enough()):
                 return
-            if id(search) in self._apart or id(search) not in self._attempts:
+            if one.apart is not None or one.attempt is None:
                 continue
-            if search.objective >= best and not searcher.is_apart(search):
-                continue
-            self._apart[id(search)] = one = searcher.apart(search, self._attempts[id(search)])
-            if one.outcome in STOP:
-                self.searches.append(one)
-                return
+            if one.is_apart is None:
+                one.is_apart = searcher.is_apart(search)
+            if one.is_apart:
+                one.apart = search
+            elif search.objective < best:
+                one.apart = searcher.apart(search, one.attempt)
+                if one.apart.outcome in STOP:
+                    self.ended_by = one.apart
+                    return
 
     def apart(self) -> list[Search]:
         """Optima with links kept apart, as far as that was looked at, in the order in which they were found."""
-        known = [self._apart[id(search)] for search in self.searches if id(search) in self._apart]
-        return [search for search in known if is_promising(search)]
+        return [one.apart for one in self.tried if one.apart is not None and is_promising(one.apart)]
 
     def best(self) -> list[Search]:
         """The same, least J first."""
@@ -102,16 +131,23 @@ class Found:
 
     def alone(self) -> list[Search]:
         """What the arm would do if it were not in its own way, in the order of J with links kept apart."""
-        known = [(self._apart[id(search)], search) for search in self.searches if id(search) in self._apart]
-        known = [((not is_promising(one), one.objective), search) for one, search in known if not search.stiffness]
-        return [search for _, search in sorted(known, key=lambda pair: pair[0])]
+        known = [one for one in self.tried if one.apart is not None and not one.search.stiffness]
+        known.sort(key=lambda one: (not is_promising(one.apart), one.apart.objective))
+        return [one.search for one in known]
 
     def optima(self, seed: int) -> tuple[Optimum, ...]:
         """All distinct ones, best first, with links kept apart as far as that was looked at."""
-        firsts, items = self.firsts(), []
-        for search in filter(is_promising, self.searches):
-            first = min(firsts, key=lambda one: abs(one.objective - search.objective))
-            one = self._apart.get(id(first), search)
-            one = one if is_promising(one) else search
-            items.append((one.objective, search.name, one.trajectory))
-        return distinct(items, seed)
+        ends = {id(one): self._end(members) for members in self._optima() for one in members}
+        items = [(one.search.name, ends[id(one)] or one.search) for one in self.tried if id(one) in ends]
+        return distinct([(end.objective, name, end.trajectory) for name, end in items], seed)
+
+    def _optima(self) -> list[list[Tried]]:
+        """What promising searches ended in one optimum, least J first; in the order of the guesses."""
+        some = [one for one in self.tried if not one.gave_way and is_promising(one.search)]
+        found = groups([one.search.objective for one in some], [one.search.trajectory for one in some], SAME)
+        return [[some[k] for k in members] for members in found]
+
+    @staticmethod
+    def _end(members: list[Tried]) -> Search | None:
+        """The optimum with links kept apart, where one was found for a search among these."""
+        return next((one.apart for one in members if one.apart is not None and is_promising(one.apart)), None)

@@ -5,7 +5,7 @@ Two motions are the same optimum where their J agree and they are never far apar
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,27 +43,42 @@ class Optimum:
         return {key: getattr(self, key) for key in ("objective", "guess", "guesses", "seed")}
 
 
+def above(objective: float, best: float) -> float:
+    """By which share of the best J another one is above it; J may be negative, where drives feed energy back."""
+    return (objective - best) / max(abs(best), 1e-300)
+
+
 def place(motion: Trajectory) -> np.ndarray:
     """Where a motion is at even steps of its duration [rad or m], (SAMPLES, nv)."""
     return motion(np.linspace(0.0, motion.duration, SAMPLES))
 
 
-def distinct(found: Iterable[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
-    """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first."""
-    kept: list[tuple[float, str, Trajectory]] = []
-    places: list[np.ndarray] = []
-    counts: list[int] = []
-    for objective, name, motion in found:
-        there = place(motion)
-        for k, (other, _, _) in enumerate(kept):
-            if abs(objective - other) <= SAME_OBJECTIVE * abs(other) and np.abs(there - places[k]).max() <= SAME_PLACE:
-                counts[k] += 1
+def groups(objectives: Sequence[float], motions: Sequence[Trajectory], same: float = SAME_OBJECTIVE) -> list[list[int]]:
+    """Which motions are one optimum, as their numbers, ascending; the optimum of least J first.
+
+    Args:
+        objectives, motions: J and motion of each.
+        same: share up to which J may be above the least of its group. No joint is ever farther than `SAME_PLACE` from there.
+    """
+    found: list[tuple[int, np.ndarray, list[int]]] = []
+    for k in np.argsort(objectives, kind="stable").tolist():
+        there = place(motions[k])
+        for least, here, members in found:
+            if above(objectives[k], objectives[least]) <= same and np.abs(there - here).max() <= SAME_PLACE:
+                members.append(k)
                 break
         else:
-            kept.append((objective, name, motion))
-            places.append(there)
-            counts.append(1)
-    optima = [Optimum(*item[:2], number, seed, item[2]) for item, number in zip(kept, counts, strict=True)]
+            found.append((k, there, [k]))
+    return [sorted(members) for _, _, members in found]
+
+
+def distinct(found: Sequence[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
+    """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first."""
+    objectives, names, motions = zip(*found, strict=True) if found else ((), (), ())
+    optima = [
+        Optimum(objectives[first], names[first], len(more) + 1, seed, motions[first])
+        for first, *more in groups(objectives, motions)
+    ]
     return tuple(sorted(optima, key=lambda optimum: optimum.objective))
 
 

@@ -23,6 +23,7 @@ from energyopt import __version__
 from energyopt.errors import EnergyOptError, InputError, RobotError
 from energyopt.problem import Problem
 from energyopt.robots.model import RobotModel
+from energyopt.serving import no_more_processes, sendable
 
 _ROBOT = "robot"
 _PACKED: WeakKeyDictionary[RobotModel, bytes] = WeakKeyDictionary()
@@ -98,7 +99,6 @@ def _robot(data: bytes) -> RobotModel:
 def plan_parcel(parcel: Parcel, options: Mapping[str, Any]) -> Any:
     """In a worker: plan what a parcel asks for; the plan goes back without its problem."""
     from energyopt.planning import plan
-    from energyopt.workers import no_more_processes
 
     with no_more_processes(), noted():
         return replace(plan(unpacked(parcel), throw=False, **options), problem=None)
@@ -106,10 +106,10 @@ def plan_parcel(parcel: Parcel, options: Mapping[str, Any]) -> Any:
 
 @contextmanager
 def noted() -> Iterator[None]:
-    """Errors nobody foresaw get their traceback as a note: it does not travel otherwise."""
+    """Errors nobody foresaw get their traceback as a note: it does not travel otherwise. What cannot travel is replaced."""
     try:
         yield
     except Exception as error:
         if not isinstance(error, EnergyOptError):
             error.add_note("".join(traceback.format_exception(error)))
-        raise
+        raise sendable(error) from None

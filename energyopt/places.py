@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -52,10 +52,11 @@ class Place:
             raise InputError("executor and processes are both given: an executor has its own workers; leave out processes")
         if Cluster.suits(executor):
             cluster = Cluster(executor)
-            return Place(cluster, 0, max(IN_FLIGHT, 4 * cluster.threads))
+            return Place(cluster, 0, max(IN_FLIGHT, 4 * _threads(cluster)))
         if not isinstance(executor, Executor):
             expected = "an executor of concurrent.futures, or a dask.distributed.Client"
             raise InputError(f"executor is {shown(executor)}: expected {expected}")
+        _check_open(executor)
         return Place(executor, 0, max(IN_FLIGHT, 4 * getattr(executor, "_max_workers", 0)))
 
     @contextmanager
@@ -69,3 +70,20 @@ class Place:
             yield workers
         finally:
             workers.shutdown(wait=False, cancel_futures=True)
+
+
+def _threads(cluster: Cluster) -> int:
+    try:
+        return cluster.threads
+    except Exception as error:  # whatever a client raises that is closed, or has lost its scheduler
+        raise InputError("executor is a dask client that has no cluster; expected one that is connected") from error
+
+
+def _check_open(executor: Executor) -> None:
+    """Only a call tells; one that is broken is no problem (see `Enduring`)."""
+    try:
+        executor.submit(int)
+    except BrokenExecutor:
+        return
+    except RuntimeError as error:
+        raise InputError(f"executor takes no work: {error}; expected one that is open") from None

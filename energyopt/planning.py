@@ -10,6 +10,7 @@ import time
 from dataclasses import asdict, replace
 
 from energyopt.arguments import check_guess, check_planning
+from energyopt.attempts import with_first_duration
 from energyopt.avoidance import unchecked
 from energyopt.campaign import Campaign
 from energyopt.clock import now
@@ -22,7 +23,8 @@ from energyopt.parameterizations import BSpline
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
-from energyopt.search import Progress, Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import Progress, SearchOptions
 from energyopt.searcher import Parameterization
 from energyopt.solvers import Interrupts, Outcome
 from energyopt.threads import single_thread
@@ -128,8 +130,12 @@ def planned(
                 "kernels": kernels.kind}  # fmt: skip
     with single_thread(), Interrupts() as interrupted:
         options = SearchOptions(given["iterations"], deadline=deadline, progress=_progress(verbose), stop=interrupted)
+        started = now()
+        base = guess if begun is None else begun.trajectory
+        problem = with_first_duration(problem, durations, given["seed"], kernels, base)
         how = {"path_search": given["path_search"], "durations": durations, "given": guess}
         campaign = Campaign(problem, parameterization, kernels, options, given["seed"], **how)
+        campaign.attempts.seconds = now() - started
         try:
             search = campaign.run(given["starts"]) if begun is None else campaign.resume(begun)
         except BaseException:  # KeyboardInterrupt, or what a library that calls back has made of it
@@ -191,7 +197,7 @@ def _notes(campaign: Campaign, search: Search) -> tuple[str, ...]:
 
 
 def _tried(names: list[str], missed: list[str]) -> str:
-    said = f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}"
+    said = f"{len(names)} guess{'es' if len(names) > 1 else ''} tried: {', '.join(names)}" if names else "no guess tried"
     if not missed:
         return said
     return f"{said}; {len(missed)} search{'es' if len(missed) > 1 else ''} without a path: {'; '.join(missed)}"

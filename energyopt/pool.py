@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Callable
@@ -9,7 +10,10 @@ from concurrent.futures import Executor, Future
 from contextlib import suppress
 from typing import Any
 
-from energyopt.workers import Worker, WorkerLost, name_of
+from energyopt.serving import WorkerLost
+from energyopt.workers import Worker, name_of
+
+log = logging.getLogger("energyopt")
 
 
 class Workers(Executor):
@@ -23,18 +27,40 @@ class Workers(Executor):
         self._most, self._calls = processes, queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
         self._workers: list[Worker] = []
+        self._changing = threading.Lock()
         self._closed = False
 
     def submit(self, function: Callable, /, *arguments: Any) -> Future:
-        if self._closed:
-            raise RuntimeError("these workers have ended")
+        """Safe from any thread.
+
+        Raises:
+            RuntimeError: these workers have ended. OSError: the system allows not even one process.
+        """
         future: Future = Future()
-        self._calls.put((future, name_of(function), arguments))
-        if len(self._threads) < self._most:
-            self._workers.append(Worker())
-            self._threads.append(threading.Thread(target=self._answer, args=(self._workers[-1],), daemon=True))
-            self._threads[-1].start()
+        with self._changing:
+            if self._closed:
+                raise RuntimeError("these workers have ended")
+            if len(self._threads) < self._most:
+                self._hire()
+            self._calls.put((future, name_of(function), arguments))
         return future
+
+    def _hire(self) -> None:
+        worker = None
+        try:
+            worker = Worker()
+            thread = threading.Thread(target=self._answer, args=(worker,), daemon=True)
+            thread.start()
+        except (OSError, RuntimeError) as error:  # no more processes, or threads
+            if worker is not None:
+                worker.end()
+            if not self._threads:
+                raise
+            self._most = len(self._threads)
+            log.warning("energyopt: %d worker processes are all that can be started: %s", self._most, error)
+            return
+        self._workers.append(worker)
+        self._threads.append(thread)
 
     def _answer(self, worker: Worker) -> None:
         while (asked := self._calls.get()) is not None:
@@ -51,15 +77,22 @@ class Workers(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: after all calls (``wait``), or at once."""
-        self._closed = True
+        with self._changing:
+            self._closed = True
         if cancel_futures or not wait:
             self._cancel()
         for _ in self._threads:
             self._calls.put(None)
-        for thread in self._threads if wait else ():
-            thread.join()
-        for worker in self._workers:
-            worker.end()
+        try:
+            for thread in self._threads if wait else ():
+                thread.join()
+        finally:  # Ctrl-C: nobody waits any more
+            for worker in self._workers:
+                worker.end()
+
+    def __exit__(self, kind: type[BaseException] | None, *_: Any) -> None:
+        """After an error, or Ctrl-C, in the block nobody waits for what is left."""
+        self.shutdown(wait=kind is None)
 
     def _cancel(self) -> None:
         with suppress(queue.Empty):

@@ -7,12 +7,11 @@ it tells within 1 or 2 % which is best.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
+from itertools import islice
 
 from energyopt.clock import now
-from energyopt.optima import SAME_PLACE, place
+from energyopt.optima import above, groups
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
 from energyopt.search import Search
@@ -21,9 +20,9 @@ from energyopt.solvers import Outcome
 from energyopt.verification import is_valid, verify
 
 MOST_LEVELS = 12
-WIDE, MOST_RACED = 1.12, 6
+WIDE, MOST_RACED = 0.12, 6
 """Searches whose first level ends within 12 % of the best take part, so many at most."""
-CLOSE, MOST_FINISHED = 1.015, 3
+CLOSE, MOST_FINISHED = 0.015, 3
 """Of these, the best go on, and those within 1.5 % of it; so many at most."""
 ALIKE = 0.01
 """Relative difference of J up to which two searches that are at one place run for the same optimum: only one takes part."""
@@ -34,14 +33,14 @@ class Judge:
     """The dense check of motions, done once a motion; ``seconds`` spent on it."""
 
     seconds: float = 0.0
-    _last: tuple[Trajectory, Violations] | None = None
+    _known: dict[Trajectory, Violations] = field(default_factory=dict)
 
     def verdict(self, search: Search) -> Violations:
-        if self._last is None or self._last[0] is not search.trajectory:
+        if search.trajectory not in self._known:
             began = now()
-            self._last = (search.trajectory, verify(search.problem, search.trajectory))
+            self._known[search.trajectory] = verify(search.problem, search.trajectory)
             self.seconds += now() - began
-        return self._last[1]
+        return self._known[search.trajectory]
 
     def holds(self, search: Search) -> bool:
         """Whether a search converged to a motion inside all limits."""
@@ -68,7 +67,7 @@ class Runner:
     _ended: bool = False
 
     def __post_init__(self):
-        self.search = replace(self.search.copy(), sketch=False)
+        self.search = self.search.copy()
 
     @property
     def objective(self) -> float:
@@ -82,27 +81,31 @@ class Runner:
         """One level; False where there is no further one."""
         if not self.levels:
             self.search.ease()
+            self.search.sketch = False
             self.levels.append(self.search.copy())
         self._ended = self._ended or not (self.accuracy and self.search.converged) or not self._refine()
         return not self._ended
 
     def finish(self) -> Search:
         """Refine until the estimated error is below the accuracy asked; of all levels, the last that holds."""
-        while self.step():
-            pass
-        held = last = self.levels[-1]
-        for level in reversed(self.levels):
-            level.harden(self.accuracy)
-            if level.outcome in STOP or self.judge.holds(level):
-                held = level
-                break
-        if held is last and held.gain is None and held.levels > 1:
-            held = last = self._once_more(held)
-        if held is not last:
-            self.reason = "a limit or the clearance did not hold on finer knots"
+        held = self._refined()
+        if held is self.levels[-1] and held.gain is None and held.levels > 1:
+            again = Runner(held, self.accuracy, self.judge)  # clearing the motion of the arm itself has made it another one
+            held, self.reason = again._refined(), again.reason
         if self.reason and held.converged:
             held.reason = _stopped(held.error, self.reason)
         return held
+
+    def _refined(self) -> Search:
+        while self.step():
+            pass
+        for level in reversed(self.levels):
+            level.harden(self.accuracy)
+            if level.outcome in STOP or self.judge.holds(level):
+                if level is not self.levels[-1]:
+                    self.reason = "a limit or the clearance did not hold on finer knots"
+                return level
+        return self.levels[-1]
 
     def _refine(self) -> bool:
         """Go on to finer knots, if J is not exact enough."""
@@ -124,43 +127,44 @@ class Runner:
             return True
         return False
 
-    def _once_more(self, held: Search) -> Search:
-        """Refined anew, since clearing the motion of the arm itself has made it another one."""
-        again = Runner(held, self.accuracy, self.judge)
-        while again.step():
-            pass
-        self.reason = again.reason
-        return next((level for level in reversed(again.levels) if level.outcome in STOP or self.judge.holds(level)), held)
 
-
-def winner(searches: Iterable[Search], others: list[Search], accuracy: float | None, judge: Judge) -> Search:
+def winner(searches: Iterable[Search], others: Iterable[Search], accuracy: float | None, judge: Judge) -> Search:
     """Of promising searches, refined, the one of least J that holds; where none does, one of the others; else the least bad.
 
     Args:
         searches: in the order in which they were found.
-        others: tried one after another, some of them, until one holds.
+        others: tried one after another, some of them, until one holds; not looked at before.
         accuracy: of J; None keeps the knots.
         judge: says what holds.
     """
     finished: list[Search] = []
     held: list[Search] = []
-    runners = _started(searches, accuracy, judge)
-    for runner in [*runners, *(Runner(search, accuracy, judge) for search in others[:MOST_FINISHED])]:
-        racing = any(runner is one for one in runners)
-        if held and not (racing and runner.objective <= CLOSE * runners[0].objective):
-            continue
+
+    def ended(runner: Runner) -> bool:
+        """Whether that was the last one, at the wish of the user or of a time limit."""
         finished.append(runner.finish())
-        if finished[-1].outcome in STOP:
-            return min(held, key=lambda s: s.objective, default=finished[-1])
-        if judge.holds(finished[-1]):
+        stopped = finished[-1].outcome in STOP
+        if not stopped and judge.holds(finished[-1]):
             held.append(finished[-1])
-    return min(held, key=lambda s: s.objective) if held else min(finished, key=judge.excess)
+        return stopped
+
+    runners = _started(searches, accuracy, judge)
+    close = lambda runner: above(runner.objective, runners[0].objective) <= CLOSE
+    stopped = any(ended(runner) for runner in runners if not held or close(runner))
+    for search in () if held or stopped else islice(others, MOST_FINISHED):
+        stopped = ended(Runner(search, accuracy, judge))
+        if held or stopped:
+            break
+    if held:
+        return min(held, key=lambda s: s.objective)
+    return finished[-1] if stopped else min(finished, key=judge.excess)
 
 
 def _started(searches: Iterable[Search], accuracy: float | None, judge: Judge) -> list[Runner]:
     """One level of each that may win; the best ones, best first."""
     ranked = _different(list(searches))
-    runners = [Runner(s, accuracy, judge) for s in ranked if s.objective <= WIDE * ranked[0].objective][:MOST_RACED]
+    close = [search for search in ranked if above(search.objective, ranked[0].objective) <= WIDE]
+    runners = [Runner(search, accuracy, judge) for search in close[:MOST_RACED]]
     for runner in runners if len(runners) > 1 else ():
         if not runner.step() and runner.search.outcome in STOP:
             break
@@ -169,16 +173,8 @@ def _started(searches: Iterable[Search], accuracy: float | None, judge: Judge) -
 
 def _different(ones: list) -> list:
     """Searches or runners, best first; of those at one place the earliest, so that chance does not choose."""
-    groups: list[tuple[float, np.ndarray, list[int]]] = []
-    for k in sorted(range(len(ones)), key=lambda k: ones[k].objective):
-        there = place(ones[k].trajectory)
-        for objective, q, members in groups:
-            if ones[k].objective <= (1.0 + ALIKE) * objective and np.abs(there - q).max() <= SAME_PLACE:
-                members.append(k)
-                break
-        else:
-            groups.append((ones[k].objective, there, [k]))
-    return [ones[min(members)] for _, _, members in groups]
+    found = groups([one.objective for one in ones], [one.trajectory for one in ones], ALIKE)
+    return [ones[members[0]] for members in found]
 
 
 def _stopped(error: float | None, reason: str) -> str:

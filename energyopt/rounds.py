@@ -26,9 +26,8 @@ ROUNDS = 15
 CLEARANCE_ROUNDS = 40
 """The same where there is something to stay clear of."""
 WARM_BARRIER = 1e-5
-"""Initial barrier parameter from a motion that is nearly optimal already."""
-KNOWN_BARRIER = 1e-5
-"""The same where rows were added on the same knots, and the multipliers of the others are known: 5 iterations instead of 10."""
+"""Initial barrier parameter from a motion that is nearly optimal already. Where rows were added on the same knots, multipliers of
+the others are given too: 5 iterations instead of 10."""
 HINGE_BAND = 5e-3
 """Distance [m] beyond what is asked at which the hinge begins."""
 HINGE_DEPTH = 1e-2
@@ -54,9 +53,9 @@ class Rounds(SearchState):
         for self.rounds in range(1, most + 1):
             program, self.ready = self.ready or self._transcribe(), None
             x0 = program.guess(self.trajectory)
-            options, before = self._solver_options(barrier), self.cuts.copy()
-            if known is not None and (multipliers := known.to(program, self.cuts)) is not None:
-                options = replace(options, barrier=KNOWN_BARRIER, multipliers=multipliers)
+            options = self._solver_options(barrier)
+            if known is not None:
+                options = replace(options, multipliers=known.to(program, self.cuts))
             result = solve(program, x0, options, self._reporter(), self.options.stop)
             self.spent.iterations += result.iterations
             self.outcome, self.reason, self.solver = result.outcome, result.reason, result.solver
@@ -67,9 +66,10 @@ class Rounds(SearchState):
             self.trajectory, self.objective = program.trajectory(result.x), result.objective
             if program.stretches:
                 self._last(self.trajectory.duration)
+            solved = self.cuts.copy()
             if not self.converged or not self._add_rows():
                 return
-            barrier, known = WARM_BARRIER, None if self.stiffness or self.hard else Duals.of(program, before, result)
+            barrier, known = WARM_BARRIER, None if self.stiffness or self.hard else Duals.of(program, solved, result)
 
     def _last(self, duration: float) -> None:
         """Go on from another duration."""

@@ -1,9 +1,7 @@
-"""One local search: solve, add rows where a limit is broken between samples, refine the spline, and solve again.
+"""One local search, level by level: each on finer knots than the one before, from whose motion it starts (see `rounds`).
 
-A search advances by levels. A level ends with a motion that is optimal in its motion space and inside all limits between
-the samples too; the next level has finer knots and starts from that motion. Where there is something to stay clear of, a
-penalty that begins a little before it has to keeps the motion away from it. Where what that costs is more than the accuracy
-asked leaves, or the motion is not clear by exact geometry, rows take its place at the end of the last level.
+At the end of the last level rows take the place of the penalty that keeps things apart, where what that costs is more than the
+accuracy asked leaves, or the motion is not clear by exact geometry.
 """
 
 from __future__ import annotations
@@ -21,17 +19,14 @@ from energyopt.refinement import (
     roughly,
     shortest_span,
 )
-from energyopt.rounds import DEEP, HINGE_BAND, ROUNDS, STIFFNESS, WARM_BARRIER, Rounds
-from energyopt.search_state import GOOD, Progress, SearchOptions, Spent
+from energyopt.rounds import HINGE_BAND, WARM_BARRIER, Rounds
 from energyopt.solvers import SolverOptions
 from energyopt.transcription import NonlinearProgram, transcribe
 from energyopt.transcription.easing import eased
 from energyopt.transcription.penalty import overlap, price
 
-__all__ = ["DEEP", "GOOD", "ROUNDS", "STIFFNESS", "Progress", "Search", "SearchOptions", "Spent"]
-
 FINER_BARRIER = 1e-2
-"""The same on knots that were just refined: 11 iterations, against 13 from 0.001 or less."""
+"""Initial barrier parameter on knots that were just refined: 11 iterations, against 13 from 0.001 or less."""
 NEAR_BARRIER = 1e-1
 """The same from the optimum of a problem much like this one: over changes of payload, weights, limits, goal and duration it took
 11 iterations (19 at most), against 18 from 1 and 14 (31 at most) from 1e-5."""
@@ -102,14 +97,14 @@ class Search(Rounds):
         return True
 
     def ease(self, back: bool = False) -> bool:
-        """Ask so much less of the spheres as exact geometry shows that they ask too much, and solve once more; with ``back``,
-        take back what was given too much."""
+        """Ask so much less of the spheres as exact geometry shows that they ask too much, and solve once more, as also after a
+        first look; with ``back``, take back what was given too much."""
         if self.avoidance is None or not self.stiffness or self.hard or not self.converged:
             return self.converged
-        before = self.avoidance
+        before, looked = self.avoidance, self.sketch
         with self.spent.solving():
-            self.avoidance = eased(before, self.problem, self.trajectory, back)
-            if self.avoidance is not before:
+            self.avoidance, self.sketch = eased(before, self.problem, self.trajectory, back), False
+            if looked or self.avoidance is not before:
                 self._solve_rounds(WARM_BARRIER)
         return self.converged
 
@@ -165,5 +160,4 @@ class Search(Rounds):
     def _solve_level(self) -> None:
         if self.first_objective is None:
             self.first_objective = self._guessed_objective()
-        warm = FINER_BARRIER if self.levels else WARM_BARRIER
-        self._solve_rounds(warm if self.levels or self.warm else SolverOptions.barrier)
+        self._solve_rounds(FINER_BARRIER if self.levels else WARM_BARRIER if self.warm else SolverOptions.barrier)

@@ -128,20 +128,28 @@ class SearchState:
     @property
     def scale(self) -> float:
         """What errors of J are relative to."""
-        return max(self.objective, LEAST_SHARE * self.first_objective, 1e-300)
+        return max(abs(self.objective), LEAST_SHARE * abs(self.first_objective), 1e-300)
 
     def copy(self) -> Self:
         """The search as it is now; what is done to one is not done to the other."""
         return replace(self, cuts=self.cuts.copy(), evaluations=dict(self.evaluations))
 
-    def restarted(self, problem: Problem, options: SearchOptions, avoidance: Avoidance | None, spent: Spent) -> Self:
-        """A search of a similar problem that begins with this one's motion, knots and rows, in its own duration."""
+    def restarted(
+        self,
+        problem: Problem,
+        options: SearchOptions,
+        avoidance: Avoidance | None,
+        spent: Spent,
+        motion: Trajectory | None = None,
+    ) -> Self:
+        """A search of a similar problem that begins on this one's knots, with its rows, in that problem's duration: with this
+        one's motion, or with another of that duration."""
         factor = problem.duration / self.space.duration
         return type(self)(
             problem,
-            self.space.stretched(problem.duration),
-            self.kernels,
-            self.trajectory.stretched(problem.duration),
+            self.space if factor == 1.0 else self.space.stretched(problem.duration),
+            kernels_of(problem.robot.dynamics),
+            motion or self.trajectory.stretched(problem.duration),
             options,
             avoidance,
             name=self.name,

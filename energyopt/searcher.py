@@ -18,7 +18,9 @@ from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.parameterizations.trajectory import SplineTrajectory, Trajectory
 from energyopt.problem import Problem
 from energyopt.refinement import bisected, rough
-from energyopt.search import DEEP, Search, SearchOptions, Spent
+from energyopt.rounds import DEEP
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions, Spent
 from energyopt.solvers import Outcome
 from energyopt.transcription import NonlinearProgram
 from energyopt.transcription.penalty import overlap
@@ -34,7 +36,7 @@ ROUGH_NODES = 10
 FIRM, FIRMEST = 2, 4
 """Stiffness of the penalty, as a place in `rounds.STIFFNESS`, where the guess is free: softer, it lets motions through boards;
 and where all guesses have failed with that."""
-HOPELESS = 0.02
+STICKS_OUT = 0.02
 """Overlap of spheres [m] with which a motion is hardly ever clear by exact geometry: that is how far they stick out."""
 FINER = 2
 """Times the knots are bisected where no guess leads to a motion inside the limits."""
@@ -70,15 +72,15 @@ class Searcher:
     def search(self, attempt: Attempt, unaware: bool = False, firm: int = FIRM, space: MotionSpace | None = None) -> Search:
         """The first level from a guess; ``unaware`` of obstacles, or with a penalty so ``firm`` that a free one stays free."""
         space, avoidance = space or self.space(), self.relaxed(attempt)
+        if attempt.warm:
+            space = self._space_of(attempt.motion, space)
         start = (self.problem, space, self.kernels, attempt.motion, self.options, avoidance, attempt.name)
-        search = Search(*start, durations=self.durations, spent=self.spent)
+        search = Search(*start, durations=self.durations, warm=attempt.warm, spent=self.spent)
         if avoidance is not None and (attempt.apart or (avoidance.scene.obstacles and not unaware)):
             search.stiffness, search.sketch = firm if attempt.free else 1, attempt.apart
         elif self._shared and space is self._first_space:
             search.begin_with(self._first_program(search))
-        if attempt.name == "given":
-            search.warm, search.space = True, self._space_of(attempt.motion, space)
-        if is_plain(self.problem) and attempt.name not in ("straight", "given"):
+        if is_plain(self.problem) and not attempt.patient:
             search.options = replace(self.options, iterations=min(self.options.iterations, PATIENCE))
         self.current = search
         search.advance()
@@ -88,11 +90,9 @@ class Searcher:
     def apart(self, search: Search, attempt: Attempt) -> Search:
         """The optimum near that of a search which does not know self-collision, with links of the arm kept apart.
 
-        Where the arm is in its own way, what is near is found from the optimum and from the guess that led to it, since either
-        may end with links on the wrong side of one another; the better one is returned.
+        What is near is found from the optimum and from the guess that led to it, since either may end with links on the wrong
+        side of one another; the better one is returned.
         """
-        if self.is_apart(search):
-            return search
         pushed = search.copy()
         pushed.keep_apart()
         if pushed.outcome in STOP:
@@ -105,14 +105,15 @@ class Searcher:
         if self.avoidance is None or search.stiffness or not search.converged:
             return True
         depth = overlap(search.avoidance, search.trajectory)
-        return depth <= 0.0 or (depth <= HOPELESS and search.clear())
+        return depth <= 0.0 or (depth <= STICKS_OUT and search.clear())
 
     def on_finer_knots(self, attempt: Attempt) -> list[Search]:
         """Searches in ever finer spaces, where the knots may be chosen: near the least duration coarse ones hold no motion."""
         spline, searches = self.parameterization, []
         if not isinstance(spline, BSpline) or spline.accuracy is None:
             return searches
-        space, attempt = spline.space(self.problem.duration), replace(attempt, name=f"{attempt.name} on finer knots")
+        space = spline.space(self.problem.duration)
+        attempt = replace(attempt, name=f"{attempt.name} on finer knots", warm=False)
         for _ in range(FINER):
             space = bisected(space)
             searches.append(self.search(attempt, space=space))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from functools import cache
 from typing import TypeVar
@@ -48,6 +48,9 @@ def side_by_side(work: Callable[[Item, Wanted], Result], items: Iterable[Item]) 
 
     Where one fails, or Ctrl-C comes, what has not begun never does, and what has is told by its second argument; this returns
     when all threads have ended.
+
+    Raises:
+        what ``work`` raised: of the first item, in their order, that failed by itself.
     """
     left = threading.Event()
 
@@ -55,11 +58,22 @@ def side_by_side(work: Callable[[Item, Wanted], Result], items: Iterable[Item]) 
         if left.is_set():
             raise Unwanted
 
+    def begun(item: Item) -> Result:
+        wanted()
+        try:
+            return work(item, wanted)
+        except BaseException:  # here, not where results are collected: this thread takes the next item at once
+            left.set()
+            raise
+
     with ThreadPoolExecutor(max_workers=cores()) as pool:
         try:
-            jobs = [pool.submit(work, item, wanted) for item in items]
-            return [job.result() for job in jobs]
+            jobs = [pool.submit(begun, item) for item in items]
+            wait(jobs)
         except BaseException:  # KeyboardInterrupt is one
             left.set()
-            pool.shutdown(wait=False, cancel_futures=True)
             raise
+    errors = [error for job in jobs if (error := job.exception()) is not None]
+    if errors:
+        raise min(errors, key=lambda error: isinstance(error, Unwanted))
+    return [job.result() for job in jobs]

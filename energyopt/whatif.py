@@ -21,7 +21,6 @@ import numpy as np
 
 from energyopt import planning
 from energyopt.attempts import Attempt
-from energyopt.avoidance import avoidance_of
 from energyopt.campaign import Campaign
 from energyopt.clearance_checks import check_ends
 from energyopt.clock import now
@@ -40,10 +39,10 @@ from energyopt.robots.messages import did_you_mean
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
 from energyopt.robots.variation import Variation, with_numbers
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.solvers import Interrupts
 from energyopt.threads import single_thread
-from energyopt.transcription import Cuts
 
 ROUGH_NODES = 5
 """Quadrature nodes a span of refined knots where there is Coulomb friction."""
@@ -89,8 +88,7 @@ class WhatIf:
     def __init__(self, base: Plan):
         self.base = self.plan = base
         self.parameterization = parameterization_of(base)
-        self._space, self._cuts = space_of(base), Cuts()
-        self._first_objective: float | None = None
+        self._near = _search_at(base)
         self._trust: float | None = None
         self._judged = [(base.trajectory, base.discretization_error)]
         self._found: Search | None = None
@@ -151,7 +149,7 @@ class WhatIf:
             campaign = Campaign(problem, self.parameterization, kernels, options, self.base.seed, durations=durations)
             search = self._search(campaign)
             search.resume()
-            campaign.found.names.append(search.name)
+            campaign.found.add(search)
             return planning.finished_plan(campaign, self._refined(campaign, search), loaded, settings)
 
     def resumed(self, problem: Problem) -> Search:
@@ -163,19 +161,14 @@ class WhatIf:
 
     def _search(self, campaign: Campaign) -> Search:
         """A search that starts from the last optimum."""
-        problem, factor = campaign.problem, campaign.problem.duration / self._space.duration
-        space = self._space if factor == 1.0 else self._space.stretched(problem.duration)
-        campaign.searcher.avoidance = avoidance_of(problem)
-        motion = _moved(space, self.plan, problem)
+        problem, space = campaign.problem, self._near.space
+        motion = _moved(space if space.duration == problem.duration else space.stretched(problem.duration), self.plan, problem)
         goal = motion(motion.duration) if problem.goal_position is None else problem.goal_position
-        attempt = Attempt("what-if", motion, goal)
-        search = Search(
-            problem, space, campaign.kernels, motion, campaign.options, campaign.searcher.relaxed(attempt), attempt.name
-        )
-        search.cuts, search.spent, search.durations = self._cuts.stretched(factor), campaign.searcher.spent, campaign.durations
-        search.first_objective = self._first_objective
-        if search.avoidance is not None and search.avoidance.scene.obstacles:
-            search.stiffness, search.hard = 1, True
+        avoidance = campaign.searcher.relaxed(Attempt("what-if", motion, goal))
+        search = self._near.restarted(problem, campaign.options, avoidance, campaign.searcher.spent, motion)
+        search.name, search.durations = "what-if", campaign.durations
+        among_obstacles = avoidance is not None and bool(avoidance.scene.obstacles)
+        search.stiffness, search.hard = int(among_obstacles), among_obstacles
         return search
 
     def _refined(self, campaign: Campaign, search: Search) -> Search:
@@ -201,9 +194,8 @@ class WhatIf:
         if far <= ALIKE and doubtful <= accuracy:
             return doubtful
         if self._trust is None:
-            base, kernels = self.base, kernels_of(self.base.problem.robot.dynamics)
-            own = Search(base.problem, space_of(base), kernels, base.trajectory, SearchOptions())
-            own.objective = own.first_objective = self.base.objective
+            base, own = self.base, _search_at(self.base)
+            own.objective = own.first_objective = base.objective
             own.reaches(accuracy)
             self._trust = min(1.0, self.base.discretization_error / own.error) if own.error else 1.0
         search.reaches(accuracy)
@@ -216,10 +208,7 @@ class WhatIf:
     def _keep(self, plan: Plan) -> None:
         """Start the next solve from this plan."""
         found, self.plan = self._found, plan
-        if found is not None and found.trajectory is plan.trajectory:
-            self._space, self._cuts, self._first_objective = found.space, found.cuts, found.first_objective
-        else:
-            self._space, self._cuts = space_of(plan), Cuts()
+        self._near = found if found is not None and found.trajectory is plan.trajectory else _search_at(plan)
 
 
 def what_if_problem(base: Problem, **changes: Any) -> Problem:
@@ -262,6 +251,11 @@ def space_of(plan: Plan) -> MotionSpace:
     if isinstance(motion, SplineTrajectory) and plan.options["parameterization"] == "BSpline":
         return SplineSpace(motion.breaks, motion.degree, ROUGH_NODES if rough(plan.problem) else None)
     return parameterization_of(plan).space(plan.duration)
+
+
+def _search_at(plan: Plan) -> Search:
+    """A search that has ended with a plan's motion."""
+    return Search(plan.problem, space_of(plan), kernels_of(plan.problem.robot.dynamics), plan.trajectory, SearchOptions())
 
 
 def _moved(space: MotionSpace, plan: Plan, problem: Problem) -> Trajectory:

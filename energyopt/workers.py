@@ -1,50 +1,37 @@
 """Worker processes: functions of energyopt called in other processes, one thread each.
 
 ``multiprocessing`` imports the caller's script anew in every process it spawns, which runs scripts without an
-``if __name__ == "__main__"`` twice. These workers are plain ``python -m energyopt.workers`` instead: they read pickled calls from
-their standard input and write pickled results to their standard output. Pickles pass between a process and its own children only.
+``if __name__ == "__main__"`` twice. These workers only `serving.serve`, with the module search path of this process: whatever can
+be imported here can be there. Pickled calls and answers go through pipes, between a process and its own children only.
 Inside `no_more_processes`, as in the workers themselves, calls are made where they are asked for.
 """
 
 from __future__ import annotations
 
-import importlib
+import logging
 import os
 import pickle
 import queue
-import struct
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from energyopt.errors import InputError
+from energyopt.serving import WorkerError, WorkerLost, alone, pickled, read, skip_to_begin, write
+
+log = logging.getLogger("energyopt")
+
 LOOK = 0.05
 """Seconds between two looks at whether an end is wanted."""
+DYING = 1.0
+"""Seconds for a process whose answer is missing to end by itself, and so tell how."""
 _SINGLE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_ALONE: ContextVar[bool] = ContextVar("alone", default=False)
-
-
-class WorkerError(RuntimeError):
-    """A worker gave no answer."""
-
-
-class WorkerLost(WorkerError):
-    """A worker process ended, or was ended, in the middle of a call."""
-
-
-@contextmanager
-def no_more_processes() -> Iterator[None]:
-    """In here `call_all` starts no processes: this one is a worker itself, and every core has its own already."""
-    token = _ALONE.set(True)
-    try:
-        yield
-    finally:
-        _ALONE.reset(token)
+_SERVE = "import sys; sys.path[:] = sys.argv[1:]; from energyopt.serving import serve; serve()"
 
 
 def cores() -> int:
@@ -64,9 +51,10 @@ def call_all(
         stop: ends everything, workers included, once it is true.
 
     Yields:
-        (number of the tuple, what the function returned) in the order they end; an exception it raised in place of a result.
+        (number of the tuple, what the function returned) in the order they end; in place of a result the exception it raised, or
+        a `WorkerError`.
     """
-    if _ALONE.get():
+    if alone():
         yield from _call_here(function, arguments, stop)
         return
     name, numbered = name_of(function), enumerate(arguments)
@@ -77,13 +65,13 @@ def call_all(
     try:
         while not stop():
             while (idle or len(workers) < processes) and (call := next(numbered, None)) is not None:
-                if not idle:
-                    workers.append(Worker())
-                    idle.append(workers[-1])
+                if not idle and not _hired(workers, idle):
+                    processes, numbered = len(workers), chain([call], numbered)
+                    continue
                 threading.Thread(target=_ask, args=(idle.pop(), name, call, answers), daemon=True).start()
                 busy += 1
             if not busy:
-                return
+                break
             try:
                 worker, number, answer = answers.get(timeout=LOOK)
             except queue.Empty:
@@ -91,9 +79,24 @@ def call_all(
             busy -= 1
             idle.append(worker)
             yield number, answer
+        for number, _ in numbered if processes == 0 else ():
+            if stop():
+                return
+            yield number, WorkerError("no worker process can be started")
     finally:
         for worker in workers:
             worker.end()
+
+
+def _hired(workers: list[Worker], idle: list[Worker]) -> bool:
+    """Whether there is one more worker now; the system may refuse it."""
+    try:
+        workers.append(Worker())
+    except OSError as error:
+        log.warning("energyopt: %d worker processes are all that can be started: %s", len(workers), error)
+        return False
+    idle.append(workers[-1])
+    return True
 
 
 def _call_here(function: Callable, arguments: Iterable[tuple], stop: Callable[[], bool]) -> Iterator[tuple[int, Any]]:
@@ -122,35 +125,43 @@ class Worker:
         self._start()
 
     def _start(self) -> None:
-        root = str(Path(__file__).resolve().parent.parent)
-        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+        self._begun = False
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "energyopt.workers"],
+            [sys.executable, "-P", "-c", _SERVE, *_search_path()],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | _SINGLE | {"PYTHONPATH": path},
+            stderr=None if sys.__stderr__ else subprocess.DEVNULL,  # services may have none
+            env=os.environ | _SINGLE,
             start_new_session=True,  # Ctrl-C is the parent's business
         )
 
     def call(self, name: tuple[str, str], arguments: tuple) -> Any:
-        """What the function returned, or the error it raised, or a `WorkerError`."""
+        """What the function returned, or the error it raised; an `InputError` or `WorkerError` where it could not be called."""
         try:
-            data = _pickled((name, arguments))
+            data = pickled((name, arguments))
         except Exception as error:  # whatever the objects in it raise
-            return WorkerError(f"the arguments cannot be sent: {error}")
+            return InputError(f"the arguments cannot be sent to another process: {error}; functions must be those of a module")
         try:
             self._revive()
-            _write(self._process.stdin, data)
-            answer = _read(self._process.stdout)
-        except (OSError, EOFError, ValueError) as error:
-            self._process.kill()
+            answer = self._answer(data)
+        except Exception as error:  # closed pipes are a ValueError; an answer may be larger than the memory
             return WorkerLost(f"a worker process ended{self._how()}: {error}")
         try:
             return pickle.loads(answer)
         except Exception as error:
             return WorkerError(f"an answer cannot be read: {error}")
 
+    def _answer(self, data: bytes) -> bytes:
+        if not self._begun:
+            skip_to_begin(self._process.stdout)
+            self._begun = True
+        write(self._process.stdin, data)
+        return read(self._process.stdout)
+
     def _how(self) -> str:
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(DYING)
+        self._process.kill()
         code = self._process.wait()
         return f" by signal {-code}" if code < 0 else f" with the code {code}"
 
@@ -174,64 +185,11 @@ class Worker:
                 pipe.close()
 
 
+def _search_path() -> list[str]:
+    """Where this process looks for modules, absolute; and where it has energyopt from, should an import hook have found it."""
+    root, path = str(Path(__file__).resolve().parent.parent), [os.path.abspath(p) for p in sys.path if isinstance(p, str)]
+    return path if root in path else [root, *path]
+
+
 def _ask(worker: Worker, name: tuple[str, str], call: tuple[int, tuple], answers: queue.SimpleQueue) -> None:
     answers.put((worker, call[0], worker.call(name, call[1])))
-
-
-def _pickled(value: Any) -> bytes:
-    return pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-
-
-def _write(pipe, data: bytes) -> None:
-    pipe.write(struct.pack("<Q", len(data)) + data)
-    pipe.flush()
-
-
-def _read(pipe) -> bytes:
-    head = pipe.read(8)
-    if len(head) < 8:
-        raise EOFError("its answer is missing")
-    size = struct.unpack("<Q", head)[0]
-    data = pipe.read(size)
-    if len(data) < size:
-        raise EOFError("its answer is cut short")
-    return data
-
-
-def _end_with(parent: int) -> None:
-    """End this process, whatever it is doing, once its parent has."""
-    while os.getppid() == parent:
-        time.sleep(LOOK)
-    os._exit(1)
-
-
-def _serve() -> None:
-    """Answer calls until the input ends; what a call prints goes to standard error."""
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    with importlib.import_module("energyopt.workers").no_more_processes():  # this module runs as __main__
-        while True:
-            try:
-                call = _read(sys.stdin.buffer)
-            except EOFError:
-                return
-            _write(answers, _answered(call))
-
-
-def _answered(call: bytes) -> bytes:
-    try:
-        (module, name), arguments = pickle.loads(call)
-        result = getattr(importlib.import_module(module), name)(*arguments)
-    except Exception as error:
-        result = error
-    try:
-        return _pickled(result)
-    except Exception as error:
-        # An error made here, in __main__, would be of a class the parent does not know.
-        kind = importlib.import_module("energyopt.workers").WorkerError
-        return _pickled(kind(f"an answer cannot be sent: {error}"))
-
-
-if __name__ == "__main__":
-    _serve()

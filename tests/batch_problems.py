@@ -37,6 +37,24 @@ class DeadlyOnce:
         return exec, (code,)
 
 
+class Odd(Exception):
+    """Can be sent to another process, and not be read there."""
+
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
+def raise_odd():
+    raise Odd("this", "that")
+
+
+class Spoiler:
+    """Cannot be unpickled."""
+
+    def __reduce__(self):
+        return raise_odd, ()
+
+
 def spoiled(problem, key, value):
     """A problem one of whose attributes is not what `Problem` would have let through."""
     other = replace(problem)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batch_problems import SPLINE, Deadly, DeadlyOnce, counting_compiler, moves, spoiled
+from batch_problems import SPLINE, Deadly, DeadlyOnce, Spoiler, counting_compiler, moves, spoiled
 
 import energyopt as eo
 from energyopt.batch import FailureStatus
@@ -184,6 +184,24 @@ def test_a_pool_of_processes_that_breaks_costs_only_the_problem_that_broke_it(fo
         assert same(eo.plan_many(problems[:1], SPLINE, executor=spawned, progress=False), alone[:1]), "it is broken still"
 
 
+def test_an_error_that_no_other_process_can_read_breaks_no_pool_and_is_told(four, caplog):
+    problems = [spoiled(four[0][0], "name", Spoiler()), four[0][1]]
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as spawned:
+        for where in ({"executor": spawned}, {"processes": 1}):
+            failure, plan = eo.plan_many(problems, SPLINE, progress=False, **where)
+            assert failure.status is FailureStatus.ERROR and failure.message == "Odd: this and that"
+            assert "Traceback" in failure.error.__notes__[0] and plan.solved
+        assert spawned.submit(abs, -1).result() == 1 and not caplog.records
+
+
+def test_an_executor_that_is_shut_down_is_refused_before_anything_starts(four):
+    for kind in (ThreadPoolExecutor, ProcessPoolExecutor):
+        executor = kind(1)
+        executor.shutdown()
+        with pytest.raises(eo.InputError, match=r"executor takes no work: .*; expected one that is open"):
+            eo.plan_each(four[0], SPLINE, executor=executor)
+
+
 def test_what_cannot_be_sent_says_so_and_is_planned_in_a_thread(four):
     problem = replace(four[0][0], origin=lambda key: ("here", key))
     (failure,) = eo.plan_many([problem], SPLINE, processes=1, progress=False)
@@ -283,9 +301,9 @@ def test_the_line_of_the_bar():
 
 
 def test_workers_start_no_processes_of_their_own():
-    from energyopt import workers
+    from energyopt import serving, workers
 
-    with workers.no_more_processes():
+    with serving.no_more_processes():
         answers = list(workers.call_all(os.getpid, [(), ()], 2))
         assert answers == [(0, os.getpid()), (1, os.getpid())]
     ((_, pid),) = workers.call_all(os.getpid, [()], 1)

@@ -77,6 +77,13 @@ def test_the_iterator_draws_as_the_cluster_works(cluster, monkeypatch):
     assert len(drawn) <= 12 + 8, "four a worker"
 
 
+def test_a_client_that_is_closed_is_refused_before_anything_starts(cluster):
+    client = distributed.Client(cluster[0].scheduler.address, set_as_default=False)
+    client.close()
+    with pytest.raises(eo.InputError, match="a dask client that has no cluster"):
+        eo.plan_each([], executor=client)
+
+
 def test_dask_is_not_imported_by_energyopt():
     import subprocess
 

@@ -1,12 +1,13 @@
 """Calls lost with their worker are made again, alone; what kills that worker too, and nothing else, fails."""
 
 import os
+import threading
 import time
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 
 import pytest
 
-from energyopt import workers
+from energyopt import enduring, workers
 from energyopt.enduring import MOST_LOSSES, Enduring, call_apart, is_loss
 
 
@@ -98,6 +99,49 @@ def test_a_call_that_is_cancelled_is_not_made_again():
         kept.result()
 
 
+def test_a_call_cancelled_between_its_loss_and_the_next_attempt_is_not_made_again(monkeypatch):
+    class Later:
+        """A thread that begins when it is told to."""
+
+        def __init__(self, target, daemon):
+            later.append(target)
+
+        def start(self):
+            pass
+
+    later, cluster = [], Cluster()
+    call = Enduring(cluster).submit(divmod, 7, 3)
+    monkeypatch.setattr(enduring.threading, "Thread", Later)
+    cluster.held[0][0].set_exception(KilledWorker("gone"))
+    assert call.cancel()
+    for begin in later:
+        begin()
+    assert len(later) == 1 and cluster.submitted == [divmod]
+
+
+def test_an_attempt_whose_call_is_cancelled_while_it_is_submitted_is_cancelled():
+    class Slow(Cluster):
+        def submit(self, function, /, *arguments):
+            if self.submitted:
+                submitting.set()
+                assert cancelled.wait(20.0)
+            future = super().submit(function, *arguments)
+            given.set()
+            return future
+
+    submitting, cancelled, given, cluster = *(threading.Event() for _ in range(3)), Slow()
+    call = Enduring(cluster).submit(divmod, 7, 3)
+    given.clear()
+    cluster.held[0][0].set_exception(KilledWorker("gone"))
+    assert submitting.wait(20.0) and call.cancel()
+    cancelled.set()
+    assert given.wait(20.0) and len(cluster.held) == 2
+    deadline = time.monotonic() + 20.0
+    while not cluster.held[1][0].cancelled() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert cluster.held[1][0].cancelled()
+
+
 def test_what_the_executor_cancels_is_cancelled():
     cluster = Cluster()
     call = Enduring(cluster).submit(divmod, 7, 3)
@@ -105,6 +149,30 @@ def test_what_the_executor_cancels_is_cancelled():
     cluster.held[0][0].set_running_or_notify_cancel()
     with pytest.raises(CancelledError):
         call.result(timeout=20.0)
+
+
+def test_many_calls_lost_at_once_start_no_more_processes_than_the_executor_had(monkeypatch):
+    """Each is made again in a thread of its own."""
+
+    class Breaking(Cluster):
+        _max_workers = 2
+
+        def submit(self, function, /, *arguments):
+            if self.held and self.held[0][0].done():
+                raise BrokenExecutor("all of it")
+            return super().submit(function, *arguments)
+
+    monkeypatch.setattr(enduring, "cores", lambda: 64)
+    cluster = Breaking()
+    endures = Enduring(cluster)
+    calls = [endures.submit(os.getpid) for _ in range(64)]
+    for future, *_ in cluster.held:
+        future.set_exception(BrokenExecutor("all of it"))
+    try:
+        pids = {call.result(timeout=60.0) for call in calls}
+        assert 1 <= len(pids) <= 2 == len(endures._own._workers) and os.getpid() not in pids
+    finally:
+        endures.shutdown(wait=False)
 
 
 def test_processes_in_place_of_a_broken_executor_end_with_it():

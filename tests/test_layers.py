@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "clock clusters enduring errors exit_codes messages ordered pool progress stopping threads versions workers",
+    "clock clusters enduring errors exit_codes messages ordered pool progress serving stopping threads versions workers",
     "actuators dynamics",
     "robots",
     "geometry",

@@ -10,7 +10,8 @@ from energyopt.dynamics.kernels import kernels_of
 from energyopt.feasibility import kinematic_minimum
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.refinement import bisected, promise, refine, roughly
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.transcription import transcribe
 from energyopt.verification import objective
 

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 import energyopt as eo
-from energyopt import campaign, fanout, found, racing
+from energyopt import campaign, fanout, found, racing, rounds
+from energyopt.actuators import ActuatorModel
+from energyopt.costs import Duration, ElectricalEnergy, TorqueSquared
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import PolynomialTrajectory
-from energyopt.search import DEEP, SearchOptions
+from energyopt.rounds import DEEP
+from energyopt.search_state import SearchOptions
 from energyopt.solvers import Outcome
 from energyopt.transcription.penalty import overlap
 from energyopt.verification import verify
@@ -29,8 +32,7 @@ def folding(**options):
 def begun(problem, starts):
     """A campaign that has made its first searches."""
     made = campaign.Campaign(problem, FIXED, kernels_of(problem.robot.dynamics), SearchOptions(), 0)
-    targets = made._begin()
-    made._search_all(made.attempts.all(targets), starts)
+    made._search_all(made.attempts.all(made.attempts.targets()), starts)
     return made
 
 
@@ -55,10 +57,15 @@ class Fake:
 
 @dataclass
 class FakeSearcher:
-    """Keeping links apart costs what a table says; asked: of which J, in turn."""
+    """Keeping links apart costs what a table says; asked: of which J, in turn; looked: at which J links were seen not to be."""
 
     costs: dict
     asked: list = field(default_factory=list)
+    looked: list = field(default_factory=list)
+
+    def is_apart(self, search):
+        self.looked.append(search.objective)
+        return False
 
     def apart(self, search, attempt):
         self.asked.append(search.objective)
@@ -70,6 +77,7 @@ def looked_at(values, costs, stuck=()):
     for value in values:
         known.add(Fake(value), "stuck" if value in stuck else "guess")
     known.keep_apart(searcher, lambda: False)
+    assert len(set(searcher.looked)) == len(searcher.looked)
     return known, searcher.asked
 
 
@@ -87,6 +95,20 @@ def test_what_was_looked_at_is_not_looked_at_again():
     again = FakeSearcher({})
     known.keep_apart(again, lambda: False)
     assert asked == [100.0, 110.0] and again.asked == [105.0]
+
+
+def test_a_price_may_be_negative():
+    """Drives that feed energy back: what is worse by 5 % is −95, and what is worse by a half is hopeless."""
+    known, asked = looked_at([-100.0, -95.0, -50.0], {-100.0: 20.0})
+    assert asked == [-100.0, -95.0] and [one.objective for one in known.best()] == [-95.0, -80.0]
+
+
+def test_mirrored_motions_of_equal_price_are_two_optima():
+    known, searcher = found.Found(), FakeSearcher({100.0: 1.0})
+    for at in (2.0, -2.0, 2.05):
+        known.add(Fake(100.0, at=at), "guess")
+    known.keep_apart(searcher, lambda: False)
+    assert [one.at for one in known.firsts()] == [2.0, -2.0] and searcher.asked == [100.0, 100.0]
 
 
 def test_no_further_optimum_is_looked_at_where_time_is_short():
@@ -109,6 +131,15 @@ def test_an_arm_that_would_be_in_its_own_way_is_kept_apart_at_a_higher_j(folded)
     (alone, *_), best = known.alone(), known.best()[0]
     assert overlap(alone.avoidance, alone.trajectory) > 10 * DEEP and overlap(best.avoidance, best.trajectory) <= DEEP
     assert best.objective > known.firsts()[0].objective
+
+
+def test_drives_that_feed_energy_back_are_planned_to_the_accuracy_asked():
+    """J is negative: what braking returns is more than the motion takes."""
+    robot = eo.load_robot("ur5", actuators=ActuatorModel(100.0, 0.1, 0.05, regeneration=1.0))
+    lowered = eo.Problem(robot, [0, -1.8, 0.3, 0, 0, 0], [0.5, -0.1, 0.2, 0, 0, 0], 2.0, costs=ElectricalEnergy())
+    plan, exact = (eo.plan(lowered, eo.BSpline(accuracy=accuracy), starts=6) for accuracy in (1e-2, 1e-3))
+    assert plan.objective < -50.0 and len(plan.optima) > 1 and plan.objective == pytest.approx(exact.objective, rel=1e-2)
+    assert plan.discretization_error < 1e-2 and exact.discretization_error < 1e-3
 
 
 def test_the_best_of_many_starts_with_self_collision_holds_and_its_optima_are_kept_apart():
@@ -163,6 +194,11 @@ class FakeJudge:
         return search.objective
 
 
+def unasked():
+    raise AssertionError("nothing else is needed")
+    yield
+
+
 @pytest.mark.parametrize(
     ("broken", "refined", "won"),
     [((), [100.0, 101.0], 100.0), ((100.0,), [100.0, 101.0], 101.0), ((100.0, 101.0), [100.0, 101.0, 109.0], 109.0)],
@@ -172,8 +208,16 @@ def test_searches_are_refined_while_they_are_close_or_nothing_holds(monkeypatch,
     monkeypatch.setattr(racing, "Runner", FakeRunner)
     FakeRunner.finished = []
     searches = [Fake(value) for value in (150.0, 109.0, 101.0, 100.0, 110.0)]
-    assert racing.winner(searches, [Fake(200.0)], 0.01, FakeJudge(broken)).objective == won
+    assert racing.winner(searches, unasked(), 0.01, FakeJudge(broken)).objective == won
     assert FakeRunner.finished == refined
+
+
+def test_the_best_of_negative_prices_wins(monkeypatch):
+    monkeypatch.setattr(racing, "Runner", FakeRunner)
+    FakeRunner.finished = []
+    searches = [Fake(value) for value in (-50.0, -99.0, -100.0, -80.0)]
+    assert racing.winner(searches, unasked(), 0.01, FakeJudge()).objective == -100.0
+    assert FakeRunner.finished == [-100.0, -99.0]
 
 
 def test_of_searches_for_one_optimum_only_the_earliest_is_refined(monkeypatch):
@@ -198,3 +242,62 @@ def test_a_race_is_won_by_the_best_of_what_its_runners_would_reach_alone(folded)
     alone = [folded.refined(search).objective for search in best[:3]]
     won = racing.winner(best[:3], [], None, folded.judge)
     assert won.objective == pytest.approx(min(alone), rel=1e-6)
+
+
+# ---- what is solved ----
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Programs and options of all solves, in turn."""
+    found, solve = [], rounds.solve
+
+    def noted(program, x0, options, *rest):
+        found.append((program, options))
+        return solve(program, x0, options, *rest)
+
+    monkeypatch.setattr(rounds, "solve", noted)
+    return found
+
+
+def test_a_given_spline_is_solved_on_its_own_knots_first(solved):
+    problem = eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5)
+    fine = eo.plan(problem, eo.BSpline(knots=1.5 * np.linspace(0.0, 1.0, 24) ** 1.1))
+    solved.clear()
+    again = eo.plan(problem, guess=fine.trajectory)
+    np.testing.assert_allclose(solved[0][0].space.breaks, fine.trajectory.breaks)
+    assert again.objective <= fine.objective * (1.0 + 1e-6) and len(again.options["tried"]) == 1
+
+
+def test_a_first_look_is_followed_by_an_exact_solve_where_no_accuracy_is_asked_for(solved):
+    plan = eo.plan(folding(), FIXED, starts=6)
+    looks = [options.tolerance > rounds.ROUGH_TOLERANCE[1] for _, options in solved]
+    assert plan.solved and any(looks) and not looks[-1]
+
+
+def test_torque_rows_of_a_motion_of_free_duration_keep_their_multipliers(solved):
+    robot, costs = arms.two_link(), [TorqueSquared(), 1e4 * Duration()]
+    problem = eo.Problem(robot, [0.3, -0.2], [-0.5, 0.9], (0.1, 6.0), costs=costs, torque_limits=25.0)
+    plan = eo.plan(problem, eo.BSpline(accuracy=None), starts=1)
+    kept = []
+    for program, options in solved:
+        linear, torque = len(program.layout.linear.lower), len(program.layout.torque.lower)
+        if options.multipliers is not None:
+            kept.append(np.count_nonzero(options.multipliers[0][linear : linear + torque]))
+    assert plan.solved and len(kept) > 1 and max(kept) > 50
+
+
+def test_knots_that_hold_no_motion_are_given_up_after_the_same_guesses_in_one_process_or_in_several(monkeypatch):
+    limits = {"velocity_limits": 3.0, "acceleration_limits": 20.0}
+    problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], 0.58, **limits)
+    method = eo.BSpline(control_points=10)
+    one = eo.plan(problem, method, throw=False)
+    monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
+    several = eo.plan(problem, method, throw=False)
+    assert one.options["tried"] == several.options["tried"] and one.iterations == several.iterations
+
+
+def test_knots_whose_bounds_contradict_each_other_hold_no_motion():
+    problem = eo.Problem(arms.two_link(), [0.0, 0.0], [1.0, 0.5], 1.0, velocity_limits=1.25)
+    plan = eo.plan(problem, eo.BSpline(control_points=7, accuracy=None), throw=False)
+    assert plan.status is eo.Status.INFEASIBLE and eo.plan(problem).solved

@@ -31,6 +31,10 @@ def solve(
 
 
 def _solved(program, x0: np.ndarray, options: SolverOptions, progress: Progress | None, stop: Callable[[], bool] | None):
+    if np.any(program.lower > program.upper) or np.any(program.row_lower > program.row_upper):
+        program.evaluator.move(x0)
+        none = np.zeros(program.rows)
+        return SolverResult(x0, none, Outcome.INFEASIBLE, "bounds contradict each other", program.evaluator.objective(), 0)
     ours = interior.solve(program, x0, options, progress, stop)
     if ours is not None and (ours.outcome in _ENDS or ours.iterations >= options.iterations):
         return ours

@@ -21,7 +21,8 @@ import numpy as np
 from energyopt import Problem
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations.bspline import SplineSpace
-from energyopt.search import Search, SearchOptions
+from energyopt.search import Search
+from energyopt.search_state import SearchOptions
 from energyopt.seeds import goals, guesses
 from energyopt.solvers import SolverOptions
 from energyopt.solvers.linear import MUMPS

@@ -16,7 +16,8 @@ import energyopt as eo
 from energyopt.clock import timed_by
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations.bspline import SplineSpace
-from energyopt.search import GOOD, ROUNDS
+from energyopt.rounds import ROUNDS
+from energyopt.search_state import GOOD
 from energyopt.solvers import SolverOptions, solve
 from energyopt.transcription import Cuts, transcribe
 from energyopt.verification import objective
