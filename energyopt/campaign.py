@@ -33,8 +33,10 @@ from energyopt.serving import alone
 from energyopt.solvers import Outcome
 
 STARTS = 64
-"""Guesses by default, where a search takes milliseconds: splines, compiled kernels, and no obstacles. How often that is enough is
-measured by `problems/benchmarks/optima.py`."""
+"""Guesses by default, at most, where a search takes milliseconds: splines, compiled kernels, and no obstacles. How often that is
+enough is measured by `problems/benchmarks/optima.py`."""
+BLOCK = 8
+"""Guesses after which it is asked whether all optima are known, and no more are needed."""
 HOPS, LEAST_HOPS = 0.4, 2
 """Share of the guesses that are changed copies of the best optima the others have led to."""
 HOP_ROUNDS = 4
@@ -85,9 +87,9 @@ class Campaign:
         targets = self.attempts.targets()
         source = self.attempts.all(targets)
         found, detours = self.found, Detours(self.searcher, self.found, targets)
-        wanted = starts or self._starts(targets)
+        wanted, thrifty = starts or self._starts(targets), starts is None
         if is_plain(self.problem):
-            self._search_in_rounds(source, targets, wanted)
+            self._search_in_rounds(source, targets, wanted, thrifty)
         else:
             if self.given is None:
                 detours.begin(self.seed)
@@ -139,15 +141,21 @@ class Campaign:
         cheap = is_plain(self.problem) and isinstance(self.parameterization, BSpline) and self.kernels.kind == "compiled"
         return max(STARTS, len(targets)) if cheap else len(targets)
 
-    def _search_in_rounds(self, source: Iterator[Attempt], targets: list[np.ndarray], wanted: int) -> None:
-        """One round of guesses that differ, and some of changed optima, where so many guesses are ``wanted``."""
+    def _search_in_rounds(self, source: Iterator[Attempt], targets: list[np.ndarray], wanted: int, thrifty: bool) -> None:
+        """One round of guesses that differ, and some of changed optima, where so many guesses are ``wanted``; ``thrifty``: no
+        more than it takes to know all optima."""
         found, hopping = self.found, int(HOPS * wanted) if self.given is None else 0
         hopping = hopping if hopping >= LEAST_HOPS else 0
-        self._search_all(source, wanted - hopping)
+        different, before = wanted - hopping, -1
+        while before < len(found.tried) < different and not (found.stopped or self._hopeless or (thrifty and found.all_known)):
+            before = len(found.tried)
+            self._search_all(source, min(before + BLOCK, different) if thrifty else different)
         found.keep_apart(self.searcher, self._enough)
         for k in range(HOP_ROUNDS):
             numbers = range(hopping * k // HOP_ROUNDS, hopping * (k + 1) // HOP_ROUNDS)
             if found.stopped or not numbers or not found.best():
+                return
+            if thrifty and found.all_known and not found.best()[0].stiffness:
                 return
             self._search_all(self._hops(targets, numbers), len(found.tried) + len(numbers))
             found.keep_apart(self.searcher, self._enough)
@@ -176,8 +184,13 @@ class Campaign:
                 search_in_processes(self.searcher, chain([attempt], islice(source, rest - 1)), found, self._enough)
             else:
                 found.add(self.searcher.search(attempt), attempt)
-            if len(found.tried) == found.infeasible >= MOST_INFEASIBLE:
+            if self._hopeless:
                 return
+
+    @property
+    def _hopeless(self) -> bool:
+        """Whether these knots hold no motion, as far as one can tell."""
+        return len(self.found.tried) == self.found.infeasible >= MOST_INFEASIBLE
 
     def _in_processes(self, rest: int) -> bool:
         """Whether so many further searches are worth processes, which have to begin with something that is not hopeless."""

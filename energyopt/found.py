@@ -94,6 +94,17 @@ class Found:
     def any_promising(self) -> bool:
         return any(map(is_promising, self.searches))
 
+    @property
+    def all_known(self) -> bool:
+        """Whether less than half an optimum is left to be found, as far as the number of searches in each tells.
+
+        Where n searches ended in w optima, w (n − 1) / (n − w − 2) is how many one has to expect in all (C. G. E. Boender, A. H.
+        G. Rinnooy Kan, "Bayesian stopping rules for multistart global optimization methods", Mathematical Programming 37, 1987).
+        """
+        optima = self._optima()
+        n, w = sum(map(len, optima)), len(optima)
+        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
+
     def firsts(self) -> list[Search]:
         """One promising search for each optimum, least J first: of those that ended in it the earliest."""
         return [members[0].search for members in self._optima()]

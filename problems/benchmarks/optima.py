@@ -18,7 +18,6 @@ import numpy as np
 from _shared import Goal, Report, parser, publish, quartiles, random_moves, settings, shown, table
 
 import energyopt as eo
-from energyopt.campaign import STARTS
 from energyopt.io.pages import write_block
 
 MEASURES = "J and processor time of plans from the default number of guesses and from one, against the best of many guesses"
@@ -37,7 +36,7 @@ def main() -> int:
     made.add_argument("--robots", nargs="+", default=["panda", "ur5", "xarm7", "z1"], metavar="NAME")
     made.add_argument("--problems", type=int, default=10, metavar="N", help="moves a robot")
     made.add_argument("--many", type=int, default=200, metavar="N", help="guesses the best of which is compared with")
-    made.add_argument("--starts", type=int, default=STARTS, metavar="N", help="guesses of what is measured, if not the default")
+    made.add_argument("--starts", type=int, metavar="N", help="guesses of what is measured, in place of the default")
     made.add_argument("--docs", action="store_true", help="write the table into docs/benchmarks.md")
     parsed = made.parse_args()
     runs = [run for name in parsed.robots for run in _robot(name, parsed)]
@@ -134,9 +133,10 @@ def _rows(results: dict) -> list[tuple[str, ...]]:
 
 def _write(results: dict, parsed: argparse.Namespace) -> None:
     """The table and its caption into docs/benchmarks.md."""
+    guesses = f"{parsed.starts or 'the default number of'} guesses"
     caption = (
-        f"Plans from {parsed.starts} guesses and from one, against the least J of these and of {parsed.many} with another seed"
-        f"\n(`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
+        f"Plans from {guesses} and from one, against the least J of these and of {parsed.many} guesses with"
+        f"\nanother seed (`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
     )
     line = lambda cells: "| " + " | ".join(cells) + " |"
     block = "\n".join([caption, "", line(HEAD), "|---|" + "--:|" * (len(HEAD) - 1), *map(line, _rows(results))])
