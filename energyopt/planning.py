@@ -72,8 +72,9 @@ def plan(
         parameterization: `BSpline` (default), `Sinusoid` or `HermiteSimpson`.
         starts: initial guesses to try; the best verified motion is returned, and `Plan.optima` lists all they led to. By default
             64 at most, for splines where nothing stands around and kernels are compiled, fewer where they keep leading to the
-            same optima; otherwise 1, another where obstacles make the motion much dearer, and one a goal configuration (4 at most)
-            where the goal is Cartesian. 1 is a single local search, from the straight motion. Further guesses are tried where none of them leads to a valid motion.
+            same optima; otherwise 1, another where obstacles make the motion much dearer, and one a goal configuration (4 at
+            most) where the goal is Cartesian. 1 is a single local search, from the straight motion. Further guesses are tried
+            where none of them leads to a valid motion.
         seed: of the random guesses.
         time_limit: seconds for all searches together; with many ``starts``, as many are tried as three fifths of it allow.
         guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and

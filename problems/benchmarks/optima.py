@@ -135,8 +135,8 @@ def _write(results: dict, parsed: argparse.Namespace) -> None:
     """The table and its caption into docs/benchmarks.md."""
     guesses = f"{parsed.starts or 'the default number of'} guesses"
     caption = (
-        f"Plans from {guesses} and from one, against the least J of these and of {parsed.many} guesses with"
-        f"\nanother seed (`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
+        f"Plans from {guesses} and from one, against the least J of these and of {parsed.many} guesses with another seed\n"
+        f"(`optima`, seed {parsed.seed}). Gaps: median, 95th percentile, worst; times, numbers of optima: median (quartiles)."
     )
     line = lambda cells: "| " + " | ".join(cells) + " |"
     block = "\n".join([caption, "", line(HEAD), "|---|" + "--:|" * (len(HEAD) - 1), *map(line, _rows(results))])
