@@ -146,7 +146,8 @@ MEANINGS = {
     "method.harmonics": "frequencies above the fundamental; 6 without it",
     "method.intervals": "40 without it",
     "method.seed": "of random guesses; 0 without it",
-    "method.starts": "guesses; the best is kept; by default 64 for splines without obstacles, 1 else (for a pose, one a branch)",
+    "method.starts": "guesses; the best is kept; by default up to 64 for splines without obstacles, "
+    "fewer where they keep leading to the same optima, 1 else (for a pose, one a branch)",
     "method.time_limit": "solving, and looking for paths, stops after this time",
     "method.path_search": "what looks for ways around obstacles; auto without it: built-in, then ompl where that is installed",
 }

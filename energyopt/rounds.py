@@ -25,6 +25,8 @@ ROUNDS = 15
 """Times rows are added in one level before the search gives up."""
 CLEARANCE_ROUNDS = 40
 """The same where there is something to stay clear of."""
+LATE = 8
+"""Rounds after which rows of limits on the motion are moved a little inside these."""
 WARM_BARRIER = 1e-5
 """Initial barrier parameter from a motion that is nearly optimal already. Where rows were added on the same knots, multipliers of
 the others are given too: 5 iterations instead of 10."""
@@ -78,7 +80,8 @@ class Rounds(SearchState):
 
     def _add_rows(self) -> bool:
         """Add rows where the motion breaks a limit or comes too close; False where it does not."""
-        added = self.cuts.add_violated(self.problem, self.trajectory, self.kernels, self.space.everywhere)
+        late = self.rounds > LATE
+        added = self.cuts.add_violated(self.problem, self.trajectory, self.kernels, self.space.everywhere, late)
         if self.avoidance is None or (not self.hard and not self.stiffness):
             return added
         return (self._add_clearance() if self.hard else self._stiffen()) or added

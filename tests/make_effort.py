@@ -18,7 +18,7 @@ import energyopt as eo
 from energyopt.io import load_task
 
 FILE = Path(__file__).resolve().parent / "data" / "effort.json"
-CATALOGUE = ("panda_fold", "panda_sinusoid", "panda_collocation", "z1_friction", "ur10_heavy", "panda_clutter")
+CATALOGUE = ("panda_reach", "panda_fold", "panda_sinusoid", "panda_collocation", "z1_friction", "ur10_heavy", "panda_clutter")
 MOVES = {"panda": 3, "ur5": 2}
 """Random moves a robot."""
 GENERAL, SINGLE = 1.12, 2.5

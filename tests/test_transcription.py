@@ -198,3 +198,13 @@ def test_a_guess_inside_the_limits_is_kept_as_it_is(method):
     t, motion = np.linspace(0, problem.duration, 101), smooth_motion(problem, program)
     exact = isinstance(method, eo.HermiteSimpson) or (isinstance(method, eo.BSpline) and method.degree == 5)
     np.testing.assert_allclose(program.trajectory(program.guess(motion))(t), motion(t), atol=1e-12 if exact else 2e-3)
+
+
+def test_rows_at_points_come_to_an_end_where_a_motion_runs_along_a_limit():
+    """It evades them by ever less, but within 15 rounds only once they are moved inside the limit, which costs little."""
+    lower, upper = [-1.0, -0.3], [0.5, 3.0]
+    problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.4], 3.0, position_limits=(lower, upper))
+    plan = eo.plan(problem, eo.Sinusoid(harmonics=6), starts=1)
+    q = plan.trajectory(np.linspace(0.0, 3.0, 5001))
+    assert plan.solved and np.all(q > lower) and np.all(q < upper)
+    assert np.abs(q.min(axis=0) - lower).max() < 1e-3

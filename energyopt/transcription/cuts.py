@@ -30,6 +30,8 @@ RATE_BACKOFF = 3e-4
 """Rate rows are this much inside the limit."""
 KINEMATIC_EXCESS = 2e-7
 """Absolute excess of a sampled kinematic limit that calls for a row."""
+TIGHTENED = 1e-3
+"""Share of the range between limits below which an excess is met by moving rows inside."""
 
 
 @dataclass
@@ -39,18 +41,20 @@ class Cuts:
     Attributes:
         torque: (time, joint) pairs; rates: (start time, end time, joint); samples: (derivative order, time, joint);
         clearance: least distances [m] by (time, a, b), pairs as in `collision`.
+        inside: by how much sampled rows are inside their limits, by derivative order, (4,).
     """
 
     torque: set[tuple[float, int]] = field(default_factory=set)
     rates: set[tuple[float, float, int]] = field(default_factory=set)
     samples: set[tuple[int, float, int]] = field(default_factory=set)
     clearance: dict[tuple[float, int, int], float] = field(default_factory=dict)
+    inside: np.ndarray = field(default_factory=lambda: np.zeros(4))
 
     def __len__(self) -> int:
         return len(self.torque) + len(self.rates) + len(self.samples) + len(self.clearance)
 
     def copy(self) -> Cuts:
-        return Cuts(set(self.torque), set(self.rates), set(self.samples), dict(self.clearance))
+        return Cuts(set(self.torque), set(self.rates), set(self.samples), dict(self.clearance), self.inside.copy())
 
     def stretched(self, factor: float) -> Cuts:
         """The same rows of a motion that takes ``factor`` times as long."""
@@ -60,12 +64,18 @@ class Cuts:
             {(t0 * f, t1 * f, i) for t0, t1, i in self.rates},
             {(order, t * f, i) for order, t, i in self.samples},
             {(t * f, a, b): distance for (t, a, b), distance in self.clearance.items()},
+            self.inside.copy(),
         )
 
-    def add_violated(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool) -> bool:
+    def add_violated(
+        self, problem: Problem, trajectory: Trajectory, kernels: Kernels, everywhere: bool, tighten: bool = False
+    ) -> bool:
         """Add rows where the motion breaks a limit; False where nothing was found (or nothing new can be added).
 
-        ``everywhere``: the kinematic limits hold for all t by construction.
+        Args:
+            everywhere: the kinematic limits hold for all t by construction.
+            tighten: move sampled rows inside their limits by twice what the motion now exceeds these by, if that is little. A
+                motion that runs along a limit evades rows at points by ever less, but for ever.
         """
         before = len(self)
         times = trajectory.sample_times(PER_SPAN)
@@ -75,7 +85,7 @@ class Cuts:
             self._add_rates(problem, trajectory, kernels)
         if not everywhere:
             for order in range(4):
-                self._add_samples(order, trajectory, *limits_of_order(problem.limits, order))
+                self._add_samples(order, trajectory, limits_of_order(problem.limits, order), tighten)
         return len(self) > before
 
     def torque_rows(self, problem: Problem, samples: int) -> TorqueRows:
@@ -110,7 +120,7 @@ class Cuts:
             needed = np.zeros((len(times), joints), bool)
             for t, i in ((t, i) for o, t, i in self.samples if o == order):
                 needed[np.searchsorted(times, t), i] = True
-            rows.append(SampleRow(order, times, needed))
+            rows.append(SampleRow(order, times, needed, float(self.inside[order])))
         return tuple(rows)
 
     def _add_torque(self, times: np.ndarray, excess: np.ndarray) -> None:
@@ -129,11 +139,16 @@ class Cuts:
         for i, excess in enumerate((rate / problem.limits.torque_rate - 1.0).T):
             self.rates.update((*map(float, pairs[k]), i) for k in _stretches(excess, 0.0, stride=5))
 
-    def _add_samples(self, order: int, trajectory: Trajectory, low: np.ndarray, high: np.ndarray) -> None:
-        """The exact extrema of a derivative that lie outside its limits."""
+    def _add_samples(self, order: int, trajectory: Trajectory, limits: tuple[np.ndarray, np.ndarray], tighten: bool) -> None:
+        """The exact extrema of a derivative that lie outside its limits (nv,)."""
+        low, high = limits
         if np.any(np.isfinite(low) | np.isfinite(high)):
             times, values = extrema(trajectory, order)
-            outside = np.argwhere(np.maximum(low - values, values - high) > KINEMATIC_EXCESS)
+            excess = np.maximum(low - values, values - high)
+            outside = np.argwhere(excess > KINEMATIC_EXCESS)
+            worst = excess.max()
+            if tighten and KINEMATIC_EXCESS < worst < TIGHTENED * np.min(high - low):
+                self.inside[order] = max(self.inside[order], 2.0 * worst)
             self.samples.update((order, float(times[k, i]), int(i)) for k, i in outside)
 
 

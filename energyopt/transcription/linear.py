@@ -32,11 +32,17 @@ class SampleRow:
 
     Attributes:
         order: of the derivative; times: (N,); joints: (N, nv), true where the bound is needed.
+        inside: by how much it is kept from its limits.
     """
 
     order: int
     times: np.ndarray
     joints: np.ndarray
+    inside: float = 0.0
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper ones (N, nv), from limits (nv,)."""
+        return np.where(self.joints, low + self.inside, -np.inf), np.where(self.joints, high - self.inside, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +106,7 @@ def linear_rows(
             rows = space.bounding_rows(order)
             groups.append((rows, np.tile(low, (rows.count, 1)), np.tile(high, (rows.count, 1)), order))
             for sample in (s for s in samples if s.order == order):
-                bounds = np.where(sample.joints, low, -np.inf), np.where(sample.joints, high, np.inf)
-                groups.append((space.rows_at(sample.times, order), *bounds, order))
+                groups.append((space.rows_at(sample.times, order), *sample.bounds(low, high), order))
     defects = space.defects()
     groups.append((defects, *(np.zeros((defects.count, nv)),) * 2, 0))
     if problem.periodic:
