@@ -31,6 +31,7 @@ from energyopt.search_state import SearchOptions
 from energyopt.searcher import FIRMEST, Parameterization, Searcher, is_promising
 from energyopt.serving import alone
 from energyopt.solvers import Outcome
+from energyopt.workers import Worker
 
 STARTS = 64
 """Guesses by default, at most, where a search takes milliseconds: splines, compiled kernels, and no obstacles. How often that is
@@ -75,6 +76,7 @@ class Campaign:
     judge: Judge = field(default_factory=Judge)
     optima: tuple[Optimum, ...] = ()
     began: float = field(default_factory=time.monotonic)
+    _workers: list[Worker] = field(default_factory=list)
 
     def __post_init__(self):
         how = self.problem, self.parameterization, self.kernels, self.options, self.durations
@@ -84,6 +86,13 @@ class Campaign:
 
     def run(self, starts: int | None) -> Search:
         """The best search, refined."""
+        try:
+            return self._run(starts)
+        finally:
+            for worker in self._workers:
+                worker.end()
+
+    def _run(self, starts: int | None) -> Search:
         targets = self.attempts.targets()
         source = self.attempts.all(targets)
         found, detours = self.found, Detours(self.searcher, self.found, targets)
@@ -181,7 +190,8 @@ class Campaign:
             if self._enough() or (attempt := next(source, None)) is None:
                 return
             if self._in_processes(rest):
-                search_in_processes(self.searcher, chain([attempt], islice(source, rest - 1)), found, self._enough)
+                some = chain([attempt], islice(source, rest - 1))
+                search_in_processes(self.searcher, some, found, self._enough, self._workers)
             else:
                 found.add(self.searcher.search(attempt), attempt)
             if self._hopeless:

@@ -14,14 +14,19 @@ from energyopt.search import Search
 from energyopt.search_state import SearchOptions
 from energyopt.searcher import STOP, Parameterization, Searcher
 from energyopt.solvers import Outcome
-from energyopt.workers import call_all, cores
+from energyopt.workers import Worker, call_all, cores
 
 GRACE = 0.3
 """Seconds after the end of a time limit in which processes may still answer."""
 
 
-def search_in_processes(searcher: Searcher, attempts: Iterator[Attempt], found: Found, enough: Callable[[], bool]) -> None:
-    """Add the searches from all ``attempts``; fewer once it is ``enough``, or time is over."""
+def search_in_processes(
+    searcher: Searcher, attempts: Iterator[Attempt], found: Found, enough: Callable[[], bool], workers: list[Worker]
+) -> None:
+    """Add the searches from all ``attempts``; fewer once it is ``enough``, or time is over.
+
+    ``workers``: of earlier calls, and for later ones; see `workers.call_all`.
+    """
     sent: dict[int, Attempt] = {}
     numbers: list[int] = []
     options, first = searcher.options, len(found.tried)
@@ -35,7 +40,7 @@ def search_in_processes(searcher: Searcher, attempts: Iterator[Attempt], found: 
             sent[k] = attempt
             yield searcher.problem, searcher.durations, searcher.parameterization, attempt, options.iterations, options.deadline
 
-    for k, answer in call_all(search_once, calls(), cores(), lambda: stop() or late(GRACE) or enough()):
+    for k, answer in call_all(search_once, calls(), cores(), lambda: stop() or late(GRACE) or enough(), workers):
         attempt = sent.pop(k)
         search = _received(searcher, answer, attempt) if isinstance(answer, Search) else searcher.search(attempt)
         found.add(search, attempt)

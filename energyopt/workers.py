@@ -40,7 +40,11 @@ def cores() -> int:
 
 
 def call_all(
-    function: Callable, arguments: Iterable[tuple], processes: int, stop: Callable[[], bool] = lambda: False
+    function: Callable,
+    arguments: Iterable[tuple],
+    processes: int,
+    stop: Callable[[], bool] = lambda: False,
+    kept: list[Worker] | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Call a function of a module for each tuple of arguments, in worker processes.
 
@@ -49,6 +53,8 @@ def call_all(
         arguments: tuples of what can be pickled; the next is asked for when a worker has nothing to do.
         processes: how many workers, at most.
         stop: ends everything, workers included, once it is true.
+        kept: workers of earlier calls, which are used first; those that have nothing to do in the end are left in it, for later
+            calls, and are the caller's to end.
 
     Yields:
         (number of the tuple, what the function returned) in the order they end; in place of a result the exception it raised, or
@@ -59,9 +65,8 @@ def call_all(
         return
     name, numbered = name_of(function), enumerate(arguments)
     answers: queue.SimpleQueue = queue.SimpleQueue()
-    idle: list[Worker] = []
-    workers: list[Worker] = []
-    busy = 0
+    idle: list[Worker] = [] if kept is None else kept
+    workers, busy = [*idle], 0
     try:
         while not stop():
             while (idle or len(workers) < processes) and (call := next(numbered, None)) is not None:
@@ -85,7 +90,8 @@ def call_all(
             yield number, WorkerError("no worker process can be started")
     finally:
         for worker in workers:
-            worker.end()
+            if kept is None or worker not in idle:
+                worker.end()
 
 
 def _hired(workers: list[Worker], idle: list[Worker]) -> bool:

@@ -34,9 +34,9 @@ def test_no_more_threads_run_than_there_are_processors_for_us(two_of_64):
 
 def test_no_more_processes_search_than_there_are_processors_for_us(two_of_64, monkeypatch):
     asked = []
-    monkeypatch.setattr(fanout, "call_all", lambda function, calls, processes, stop: asked.append(processes) or iter(()))
+    monkeypatch.setattr(fanout, "call_all", lambda function, calls, processes, *_: asked.append(processes) or iter(()))
     searcher = SimpleNamespace(options=SearchOptions())
-    fanout.search_in_processes(searcher, iter(()), SimpleNamespace(tried=[], put_in_order=lambda *_: None), lambda: False)
+    fanout.search_in_processes(searcher, iter(()), SimpleNamespace(tried=[], put_in_order=lambda *_: None), lambda: False, [])
     assert asked == [2]
 
 

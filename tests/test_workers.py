@@ -31,6 +31,16 @@ def test_stopping_ends_the_workers():
     assert time.monotonic() - began < 20.0
 
 
+def test_workers_that_are_kept_answer_later_calls_too_unless_they_were_stopped():
+    kept = []
+    (first,) = workers.call_all(os.getpid, [()], 1, kept=kept)
+    (again,) = workers.call_all(os.getpid, [()], 2, kept=kept)
+    assert again == first and len(kept) == 1 and os.path.exists(f"/proc/{first[1]}")
+    began = time.monotonic()
+    assert not list(workers.call_all(time.sleep, [(60.0,)], 1, lambda: time.monotonic() > began + 0.3, kept))
+    assert not kept and not os.path.exists(f"/proc/{first[1]}")
+
+
 def test_a_script_without_a_main_guard_is_not_run_twice(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
