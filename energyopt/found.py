@@ -16,6 +16,9 @@ SAME = 1e-4
 """Relative difference of J up to which two first searches ended in the same optimum."""
 NEAR = 0.1
 """By which share J may be above that of the best optimum, for another one to be better on finer knots."""
+UNSEEN = 0.25
+"""Optima still to be expected below which they count as known. On 30 random moves of two arms no plan became worse by more than 0.12 %
+for the guesses this saves, some 12 % of all iterations; with one half, one in ten of the Z1's did, by 1.6 %."""
 
 
 @dataclass
@@ -96,14 +99,14 @@ class Found:
 
     @property
     def all_known(self) -> bool:
-        """Whether less than half an optimum is left to be found, as far as the number of searches in each tells.
+        """Whether hardly an optimum is left to be found, as far as the number of searches in each tells.
 
         Where n searches ended in w optima, w (n − 1) / (n − w − 2) is how many one has to expect in all (C. G. E. Boender, A. H.
         G. Rinnooy Kan, "Bayesian stopping rules for multistart global optimization methods", Mathematical Programming 37, 1987).
         """
         optima = self._optima()
         n, w = sum(map(len, optima)), len(optima)
-        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
+        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + UNSEEN
 
     def firsts(self) -> list[Search]:
         """One promising search for each optimum, least J first: of those that ended in it the earliest."""
