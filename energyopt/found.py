@@ -17,8 +17,8 @@ SAME = 1e-4
 NEAR = 0.1
 """By which share J may be above that of the best optimum, for another one to be better on finer knots."""
 UNSEEN = 0.25
-"""Optima still to be expected below which they count as known. On 30 random moves of two arms no plan became worse by more than 0.12 %
-for the guesses this saves, some 12 % of all iterations; with one half, one in ten of the Z1's did, by 1.6 %."""
+"""Optima still to be expected below which they count as known. On 30 random moves of two arms no plan became worse by more than
+0.12 % for the guesses this saves, some 12 % of all iterations; with one half, one of the Z1's ten first did, by 1.6 %."""
 
 
 @dataclass
