@@ -329,6 +329,16 @@ def test_the_fastest_rival_counts_only_where_it_is_as_good(monkeypatch):
     assert compare(found)["against"]["energyopt"] == {"compared": 1, "as_good": 0, "ratios": [], "ratio": None}
 
 
+def test_of_two_runs_the_lesser_time_of_the_same_motion_counts_and_of_other_motions_the_later(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from rivals import _least
+
+    rows = lambda *moves: {"moves": [{"move": m, "objective": J, "seconds": s} for m, J, s in moves]}
+    earlier = {"a": rows(("m 0", 10.0, 1.0), ("m 1", 20.0, 1.0), ("m 2", 5.0, 3.0)), "b": rows(("m 0", 11.0, 4.0))}
+    later = {"a": rows(("m 0", 10.0, 2.0), ("m 1", 19.0, 2.0))}
+    assert _least(earlier, later) == {"a": rows(("m 0", 10.0, 1.0), ("m 1", 19.0, 2.0), ("m 2", 5.0, 3.0)), "b": earlier["b"]}
+
+
 def test_the_tables_of_rivals_are_written_between_markers(measured, monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(FOLDER))
     from _rivals_text import BEGIN, END, write_page
