@@ -94,8 +94,8 @@ def run_case(case: dict, most_seconds: float) -> tuple[list[dict], str]:
 
 
 def _least(earlier: dict, later: dict) -> dict:
-    """Rivals of two runs. The same motion planned twice counts with the lesser time, as a machine with other users may be slow for
-    minutes; of different ones the later counts."""
+    """Rivals of two runs. The same motion planned twice counts with the lesser time, as a machine with other users is slow for
+    minutes now and then; of different ones the later counts."""
     merged = earlier | later
     for key in earlier.keys() & later.keys():
         by_move = {run["move"]: run for run in earlier[key]["moves"]}
