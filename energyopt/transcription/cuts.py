@@ -146,7 +146,7 @@ class Cuts:
             times, values = extrema(trajectory, order)
             excess = np.maximum(low - values, values - high)
             outside = np.argwhere(excess > KINEMATIC_EXCESS)
-            worst = excess.max()
+            worst = excess.max(initial=0.0)  # a motion may have no extrema
             if tighten and KINEMATIC_EXCESS < worst < TIGHTENED * np.min(high - low):
                 self.inside[order] = max(self.inside[order], 2.0 * worst)
             self.samples.update((order, float(times[k, i]), int(i)) for k, i in outside)
