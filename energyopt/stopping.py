@@ -53,7 +53,7 @@ class _Ear:
     """Hears SIGINT from its making to the end of the process."""
 
     def __init__(self):
-        self.heard = False
+        self.heard, self._raised = False, False
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         sys.unraisablehook = self._quiet(sys.unraisablehook)
@@ -63,8 +63,9 @@ class _Ear:
 
     def _raise(self, *_) -> None:
         """The handler in the main thread; a second signal is not needed."""
-        if not self.heard:
-            self.heard = True
+        self.heard = True
+        if not self._raised:
+            self._raised = True
             raise KeyboardInterrupt
 
     def _quiet(self, usual: Callable) -> Callable:
@@ -74,6 +75,7 @@ class _Ear:
     def _watch(self, reading: int) -> None:
         while signal.SIGINT not in os.read(reading, 64):
             pass
+        self.heard = True  # whoever else handles the signal now, as a solve does, may keep it to himself
         time.sleep(PATIENCE)
         _files.acquire(timeout=WRITING)
         os._exit(INTERRUPTED)

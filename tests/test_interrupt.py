@@ -293,6 +293,26 @@ def test_without_a_signal_the_exit_code_is_the_commands_own(does, code):
     assert process.returncode == code
 
 
+QUIET = """
+import signal, time
+from energyopt import stopping
+def command():
+    heard = []
+    signal.signal(signal.SIGINT, lambda *_: heard.append(1))
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(0.05)
+    return int(not heard)
+stopping.run(command)
+"""
+
+
+def test_a_command_that_keeps_the_signal_to_itself_ends_with_130():
+    """As one does that returns what it has of a motion without looking at its status."""
+    process = start("-c", QUIET)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130 and not errors
+
+
 def test_outside_a_solve_ctrl_c_raises_and_inside_it_is_remembered():
     with Interrupts() as interrupted:
         with interrupted.held():
