@@ -148,7 +148,7 @@ def _bench(parsed: argparse.Namespace) -> int:
 def _robots(parsed: argparse.Namespace) -> int:
     """List the catalogue."""
     from energyopt.robots import catalogue, load_robot
-    from energyopt.tables import robots_table
+    from energyopt.robots.text import robots_table
 
     print(robots_table(catalogue(), load_robot))
     return VALID
@@ -160,13 +160,12 @@ def _check(parsed: argparse.Namespace) -> int:
     from energyopt.feasibility import check_feasibility
     from energyopt.io import load_task
     from energyopt.robots import load_robot
-    from energyopt.tables import robot_lines
 
     if Path(parsed.file).suffix.lower() in (".urdf", ".xml"):
-        print(robot_lines(load_robot(Path(parsed.file))))
+        print(load_robot(Path(parsed.file)))
         return VALID
     problem, _ = load_task(parsed.file)
-    print(robot_lines(problem.robot))
+    print(problem.robot)
     longest = problem.lasting(problem.durations[1])
     check_feasibility(longest)
     check_ends(longest, longest.goal_position)

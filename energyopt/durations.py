@@ -19,6 +19,7 @@ from energyopt.errors import InputError
 from energyopt.least_times import legs_of
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, Trajectory
 from energyopt.problem import FramePose, Problem
+from energyopt.readable import Readable
 from energyopt.robots.model import Limits, RobotModel
 from energyopt.timing.paths import as_path, by_length, check_positions, is_still
 from energyopt.timing.reachability import fastest
@@ -31,8 +32,8 @@ SLOWER = (1.0 + 1e-9, 1.1, 1.3, 1.7, 2.5)
 """Factors by which the fastest of these motions is slowed down until the dense check holds (of torque rates, say)."""
 
 
-@dataclass(frozen=True, eq=False)
-class DurationBounds:
+@dataclass(frozen=True, eq=False, repr=False)
+class DurationBounds(Readable):
     """Between what lies the shortest duration of a problem.
 
     Attributes:
@@ -46,6 +47,9 @@ class DurationBounds:
     upper: float | None
     motion: Trajectory | None
     reason: str = ""
+
+    def in_brief(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         least = f"at least {self.lower:.4g} s ({self.joint})"

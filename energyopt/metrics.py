@@ -25,6 +25,7 @@ import numpy as np
 
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.readable import Readable
 from energyopt.robots.model import RobotModel
 from energyopt.sampling import gauss_grid, sample_spans
 
@@ -53,8 +54,8 @@ class Spread:
         return float(np.linalg.norm(self.rms))
 
 
-@dataclass(frozen=True, eq=False)
-class MetricSeries:
+@dataclass(frozen=True, eq=False, repr=False)
+class MetricSeries(Readable):
     """A motion over time, N rows; at a break of the motion a time may come twice, with the values on both sides.
 
     Attributes:
@@ -70,9 +71,12 @@ class MetricSeries:
     velocity: np.ndarray
     joint_power: np.ndarray
 
+    def in_brief(self) -> str:
+        return f"{self.t.size} times, {self.t[0]:g} to {self.t[-1]:.6g} s"
 
-@dataclass(frozen=True, eq=False)
-class Metrics:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Metrics(Readable):
     """The numbers of the module's text, and spreads.
 
     Attributes:
@@ -99,6 +103,9 @@ class Metrics:
     peak_speed: float
     log_dimensionless_jerk: float | None
     series: MetricSeries
+
+    def in_brief(self) -> str:
+        return f"{self.duration_s:.6g} s, ∫Στ² {self.torque_squared:.6g} N²m²s, Σ∫|τq̇| {self.mechanical_abs_J:.4g} J"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers for a report or JSON file; a value that is infinite or undefined becomes None."""

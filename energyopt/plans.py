@@ -11,6 +11,7 @@ import numpy as np
 from energyopt.optima import Optimum
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
+from energyopt.readable import Readable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,9 +53,9 @@ class Violations:
     distance: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """The result of `plan`.
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Readable):
+    """The result of `plan`; ``str()`` tells it in a few lines.
 
     Attributes:
         problem: what was asked.
@@ -89,6 +90,14 @@ class Plan:
     options: dict[str, Any]
     notes: tuple[str, ...] = ()
     optima: tuple[Optimum, ...] = ()
+
+    def in_brief(self) -> str:
+        return f"{self.status.value}, {self.problem.robot.name}, {self.duration:.6g} s, J {self.objective:.6g}"
+
+    def __str__(self) -> str:
+        from energyopt.plan_text import plan_table
+
+        return plan_table(self)
 
     @property
     def solved(self) -> bool:

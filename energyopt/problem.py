@@ -22,6 +22,7 @@ from energyopt.geometry.names import require_frames, require_own_names
 from energyopt.geometry.potential import RepulsivePotential
 from energyopt.geometry.shapes import Box, HalfSpace, Shape
 from energyopt.geometry.workspace import Workspace
+from energyopt.readable import Readable, counted
 from energyopt.robots.model import Limits, RobotModel
 
 VELOCITY_WEIGHT = 0.1
@@ -69,8 +70,8 @@ class Waypoint:
             object.__setattr__(self, "time", values.seconds("waypoint time", self.time))
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Readable):
     """One planning problem. Arrays have shape (nv,); a single number stands for all joints.
 
     Attributes:
@@ -164,6 +165,14 @@ class Problem:
             raise ProblemError(f"potential is {values.shown(self.potential)}: expected {expected}")
         if not isinstance(self.self_collision, (bool, np.bool_)):
             raise ProblemError(f"self_collision is {values.shown(self.self_collision)}: expected True or False")
+
+    def in_brief(self) -> str:
+        least, most = self.durations
+        time = f"{least:g} to {most:g} s" if self.free_duration else f"{most:g} s"
+        parts = [self.name, self.robot.name, time, "to a pose of a frame" if isinstance(self.goal, FramePose) else ""]
+        for things, noun in ((self.waypoints, "waypoint"), (self.obstacles, "obstacle"), (self.attached, "attached object")):
+            parts.append(counted(len(things), noun) if things else "")
+        return ", ".join(filter(None, parts))
 
     @cached_property
     def limits(self) -> Limits:

@@ -14,6 +14,7 @@ from typing import Any
 
 from energyopt.io import write_atomic
 from energyopt.plans import Plan
+from energyopt.readable import Readable
 from energyopt.robust import Robustness, Trials, replay_trials, robustness
 from energyopt.stopping import whole_files
 from energyopt.workflow import plain, prepare_folder
@@ -21,8 +22,8 @@ from energyopt.workflow import plain, prepare_folder
 FILES = ("robustness.json", "robustness.png")
 
 
-@dataclass(frozen=True, eq=False)
-class Findings:
+@dataclass(frozen=True, eq=False, repr=False)
+class Findings(Readable):
     """What a run gave: cases, replays (None where none were asked for), and the files written."""
 
     cases: Robustness
@@ -34,6 +35,9 @@ class Findings:
         """Whether every corner holds the limits, and no replay diverged or touched anything."""
         troubled = self.trials is not None and (self.trials.diverged or self.trials.touching)
         return self.cases.holds and not troubled
+
+    def in_brief(self) -> str:
+        return self.cases.in_brief()
 
     def __str__(self) -> str:
         tables = [str(self.cases)] + ([] if self.trials is None else [str(self.trials)])

@@ -27,6 +27,7 @@ from energyopt.parameterizations.space import MotionSpace
 from energyopt.plans import Plan
 from energyopt.problem import FramePose, Problem
 from energyopt.problem_values import shown
+from energyopt.readable import Readable
 from energyopt.robots.payload import Payload
 from energyopt.robots.variation import payload_body
 from energyopt.search import Search
@@ -44,8 +45,8 @@ STEP = 1e-5
 LIMITS = {"velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³", "torque": "N·m", "torque_rate": "N·m/s"}
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Readable):
     """Derivatives of the optimal J.
 
     Attributes:
@@ -64,6 +65,9 @@ class Sensitivities:
         if name not in self.values:
             raise ProblemError(f"sensitivities: no parameter is named {shown(name)}: expected one of {', '.join(self.values)}")
         return self.values[name]
+
+    def in_brief(self) -> str:
+        return f"at J {self.objective:.6g}, of {', '.join(self.values)}"
 
     def __str__(self) -> str:
         """A table: a parameter a line, dJ/dp joint by joint."""

@@ -28,6 +28,7 @@ from energyopt.planning import DEFAULTS, Parameterization, planned
 from energyopt.plans import Plan
 from energyopt.problem import FramePose, Problem
 from energyopt.problem_values import numbers, real, shown
+from energyopt.readable import Readable, counted
 from energyopt.sweeping import followed
 
 SAME_PLACE = 1e-9
@@ -39,8 +40,8 @@ AROUND = np.array([0.85, 0.95, 1.0, 1.05, 1.15])
 """Durations at which the curves are sampled again, in units of those found."""
 
 
-@dataclass(frozen=True, eq=False)
-class SequencePlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class SequencePlan(Readable):
     """Moves one after another.
 
     Attributes:
@@ -89,6 +90,9 @@ class SequencePlan:
             if order:
                 values[(move == k) & (times - self.starts[k] > plan.duration)] = 0.0
         return values[0] if np.ndim(t) == 0 else values
+
+    def in_brief(self) -> str:
+        return f"{counted(len(self.plans), 'move')}, {self.cycle_time:.4g} s, J {self.objective:.6g}"
 
     def __str__(self) -> str:
         lines = [f"{'move':>5} {'from [s]':>9} {'takes [s]':>9} {'then waits [s]':>14} {'J':>10}"]

@@ -28,6 +28,7 @@ from energyopt.plans import Plan, Status
 from energyopt.pool import Workers
 from energyopt.problem import Problem
 from energyopt.problem_values import numbers, shown
+from energyopt.readable import Readable, counted
 from energyopt.search import Search
 from energyopt.verification import limits_hold, objective, verify
 from energyopt.workers import cores
@@ -71,8 +72,8 @@ class SweepPoint:
         return self.plan is not None and self.plan.solved
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep(Readable):
     """An energy–time curve; ``str()`` is a table.
 
     Attributes:
@@ -101,6 +102,11 @@ class Sweep:
     def baseline_curve(self, kind: str, measure: str = "objective") -> np.ndarray:
         """The same of an ordinary motion, whether or not it keeps the limits."""
         return np.array([point.baselines.get(kind, {}).get(measure, np.nan) for point in self.points])
+
+    def in_brief(self) -> str:
+        solved = sum(point.solved for point in self.points)
+        cheapest = "" if self.best is None else f", cheapest {self.best.duration:.4g} s, J {self.best.objective:.6g}"
+        return f"{counted(len(self.points), 'duration')}, {solved} solved{cheapest}"
 
     def __str__(self) -> str:
         from energyopt.sweep_text import sweep_table

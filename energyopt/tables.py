@@ -1,14 +1,12 @@
-"""What the command line prints: an outcome, and the robots of the catalogue, in a few lines each."""
+"""What the command line prints of an outcome and of a batch."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from energyopt.batch_files import Row
-from energyopt.robots import RobotModel
 from energyopt.verification import excessive
 from energyopt.workflow import Outcome
 
@@ -57,29 +55,6 @@ def batch_total(rows: list[Row], out: Path | None) -> str:
     valid = sum(row.valid for row in rows)
     where = "" if out is None else f"; results in {_shown(out)}, tables in results.csv and results.json there"
     return f"{valid} of {len(rows)} problems are solved and valid{where}"
-
-
-def robots_table(names: tuple[str, ...], load: Callable[[str], RobotModel]) -> str:
-    """Joints, mass they move, limits and data file of the robots of the catalogue."""
-    lines = [f"{'name':16} {'joints':>6} {'moves':>9} {'torque limits':>15} {'velocity limits':>15}  file"]
-    for name in names:
-        robot = load(name)
-        mass = sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
-        torque, velocity = _range(robot.limits.torque, "N·m"), _range(robot.limits.velocity, "rad/s")
-        file = "/".join(robot.source.parts[-3:]) if robot.source else ""
-        lines.append(f"{name:16} {robot.nv:6} {mass:6.1f} kg {torque:>15} {velocity:>15}  {file}")
-    return "\n".join(lines)
-
-
-def robot_lines(robot: RobotModel) -> str:
-    """One robot: its joints with limits, its tool, and what loading found."""
-    limits, width = robot.limits, max(len(name) for name in robot.joint_names)
-    mass = sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
-    lines = [f"{robot.name}: {robot.nv} joints, moving mass {mass:.4g} kg, tool frame {robot.tool_frame}"]
-    for i, name in enumerate(robot.joint_names):
-        position = f"{limits.lower[i]:8.4g} to {limits.upper[i]:8.4g}"
-        lines.append(f"  {name:<{width}}  {position}   velocity {limits.velocity[i]:6.4g}   torque {limits.torque[i]:6.4g}")
-    return "\n".join(lines + [f"  note: {note}" for note in robot.notes])
 
 
 def _shares(outcome: Outcome) -> str:
@@ -182,11 +157,6 @@ def _times(outcome: Outcome) -> str:
     if outcome.log is not None:
         parts["replay"] = outcome.log.wall_s
     return ", ".join(f"{name} {seconds:.3g} s" for name, seconds in parts.items())
-
-
-def _range(values: np.ndarray, unit: str) -> str:
-    low, high = float(np.min(values)), float(np.max(values))
-    return f"{low:.3g} {unit}" if low == high else f"{low:.3g}–{high:.3g} {unit}"
 
 
 def _shown(folder: Path) -> str:

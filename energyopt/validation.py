@@ -23,6 +23,7 @@ from energyopt.metrics import Metrics, metrics, metrics_of_log
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan, Violations
 from energyopt.problem import Problem
+from energyopt.readable import Readable
 from energyopt.robots.model import RobotModel
 from energyopt.verification import cost, describe, excessive, is_valid, limits_hold, verify
 
@@ -57,8 +58,8 @@ class Check:
         return bool(self.value <= self.threshold)
 
 
-@dataclass(frozen=True, eq=False)
-class BaselineComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaselineComparison(Readable):
     """An ordinary motion of the same duration beside the plan.
 
     Attributes:
@@ -82,6 +83,9 @@ class BaselineComparison:
     account: EnergyAccount | None = None
     electrical_saving_percent: float | None = None
 
+    def in_brief(self) -> str:
+        return f"J {self.objective:.6g}, {self.metrics.mechanical_abs_J:.4g} J, {'valid' if self.valid else 'NOT valid'}"
+
 
 @dataclass(frozen=True)
 class Tracking:
@@ -94,8 +98,8 @@ class Tracking:
     tool_turn_max: float
 
 
-@dataclass(frozen=True, eq=False)
-class ValidationReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class ValidationReport(Readable):
     """What `validate` found; ``str()`` is a short table.
 
     Attributes:
@@ -128,6 +132,9 @@ class ValidationReport:
     @property
     def passed(self) -> bool:
         return all(check.passed for check in self.checks)
+
+    def in_brief(self) -> str:
+        return verdict(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain finite numbers, under the names of the summary file."""

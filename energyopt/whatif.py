@@ -34,6 +34,7 @@ from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineT
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
+from energyopt.readable import Readable
 from energyopt.refinement import ALIKE, DOUBT, difference, rough
 from energyopt.robots.messages import did_you_mean
 from energyopt.robots.model import RobotModel
@@ -78,7 +79,7 @@ def what_if(base: Problem | Plan, **options: Any) -> WhatIf:
     return WhatIf(base)
 
 
-class WhatIf:
+class WhatIf(Readable):
     """A problem whose numbers may be changed; see the module docstring.
 
     Attributes:
@@ -92,6 +93,9 @@ class WhatIf:
         self._trust: float | None = None
         self._judged = [(base.trajectory, base.discretization_error)]
         self._found: Search | None = None
+
+    def in_brief(self) -> str:
+        return f"base {self.base.in_brief()}; now {self.plan.in_brief()}"
 
     def solve(self, *, cold: bool = False, throw: bool = True, **changes: Any) -> Plan:
         """Plan the base problem with some numbers changed.

@@ -20,6 +20,7 @@ from energyopt.errors import FileError, SimulationError
 from energyopt.io import save_plan, write_atomic, write_csv, write_joint_trajectory
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
+from energyopt.readable import Readable
 from energyopt.stopping import whole_files
 from energyopt.versions import versions
 
@@ -34,8 +35,8 @@ FIGURE_FILES = ("metrics.png", "joints.png", "energy.png", "clearance.png", "sce
 """The pictures of clearance and scene are drawn where there are obstacles or walls."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Readable):
     """What a run gave.
 
     Attributes:
@@ -49,6 +50,9 @@ class Outcome:
     report: ValidationReport
     summary: dict[str, Any]
     files: tuple[Path, ...]
+
+    def in_brief(self) -> str:
+        return f"{self.plan.in_brief()}, {self.report.in_brief()}"
 
     @property
     def valid(self) -> bool:

@@ -7,7 +7,7 @@ import energyopt
 
 ROOT = Path(energyopt.__file__).parent
 LAYERS = (  # lowest first; docs/concepts.md says what each is for
-    "clock clusters enduring errors exit_codes messages ordered pool progress serving stopping threads versions workers",
+    "clock clusters enduring errors exit_codes messages ordered pool progress readable serving stopping threads versions workers",
     "actuators dynamics",
     "robots",
     "geometry",
@@ -18,7 +18,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "limit_checks baselines inverse_kinematics feasibility impossible least_times reach timing",
     "clearance_checks pathfinding",
     "transcription",
-    "verification durations retiming rescaling seeds diversity refinement",
+    "verification plan_text durations retiming rescaling seeds diversity refinement",
     "search_state",
     "rounds",
     "search",

@@ -31,6 +31,7 @@ from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
+from energyopt.readable import Readable
 from energyopt.robots.model import RobotModel
 from energyopt.sampling import sample_spans
 
@@ -48,8 +49,8 @@ class PowerRange:
     mean: np.ndarray | float
 
 
-@dataclass(frozen=True, eq=False)
-class PowerSeries:
+@dataclass(frozen=True, eq=False, repr=False)
+class PowerSeries(Readable):
     """Powers over time; a break of the motion comes twice.
 
     Attributes:
@@ -62,9 +63,12 @@ class PowerSeries:
     copper: np.ndarray | None
     electrical: np.ndarray | None
 
+    def in_brief(self) -> str:
+        return f"{self.t.size} times, {self.t[0]:g} to {self.t[-1]:.6g} s"
 
-@dataclass(frozen=True, eq=False)
-class EnergyAccount:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EnergyAccount(Readable):
     """Joules of one motion; ``str()`` is a table.
 
     Attributes:
@@ -129,6 +133,10 @@ class EnergyAccount:
         from energyopt.energy.text import account_dict
 
         return account_dict(self)
+
+    def in_brief(self) -> str:
+        electrical = "" if self.electrical_J is None else f", electrical input {self.electrical_J:.4g} J"
+        return f"{self.duration_s:.6g} s, mechanical work {self.mechanical_J:.4g} J{electrical}"
 
     def __str__(self) -> str:
         from energyopt.energy.text import account_table

@@ -15,6 +15,7 @@ from scipy.interpolate import PPoly
 
 from energyopt.errors import ProblemError
 from energyopt.problem_values import numbers, whole
+from energyopt.readable import Readable, counted
 
 ROUNDING = 1e-9
 """Share of the duration by which a time may lie outside [0, T] and still count as its end."""
@@ -33,7 +34,7 @@ def gauss_on_spans(breaks: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarr
     return (middle + half * x).ravel(), (half * w).ravel()
 
 
-class Trajectory(ABC):
+class Trajectory(Readable, ABC):
     """A motion of nv joints over [0, duration] seconds.
 
     Attributes:
@@ -73,6 +74,9 @@ class Trajectory(ABC):
                 "numpy.clip(t, 0, duration) holds the ends"
             )
         return self._evaluate(np.clip(flat, 0.0, self.duration), order).reshape(times.shape + (self.nv,))
+
+    def in_brief(self) -> str:
+        return f"{counted(self.nv, 'joint')}, {self.duration:.6g} s, {counted(len(self.breaks) - 1, 'span')}"
 
     @property
     def highest_order(self) -> int:

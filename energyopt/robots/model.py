@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from energyopt.dynamics.body import Dynamics
 from energyopt.errors import RobotError
+from energyopt.readable import Readable, counted
 from energyopt.robots.messages import as_numbers, shown
 
 if TYPE_CHECKING:
@@ -40,9 +41,9 @@ class Limits:
     torque_rate: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class RobotModel:
-    """A fixed-base arm whose nv joints each have one degree of freedom.
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotModel(Readable):
+    """A fixed-base arm whose nv joints each have one degree of freedom; ``str()`` is a table of them.
 
     Attributes:
         name: catalogue name, or the name in the URDF.
@@ -72,6 +73,14 @@ class RobotModel:
     srdf: Path | None = None
     actuators: Actuators | None = None
     like: RobotModel | None = field(default=None, repr=False)
+
+    def in_brief(self) -> str:
+        return f"{self.name}, {counted(self.nv, 'joint')}"
+
+    def __str__(self) -> str:
+        from energyopt.robots.text import robot_table
+
+        return robot_table(self)
 
     @property
     def geometry(self) -> RobotModel:

@@ -25,6 +25,7 @@ from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import whole
+from energyopt.readable import Readable
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
 from energyopt.robots.variation import payload_body, varied_dynamics
@@ -66,8 +67,8 @@ class LimitUse:
     case: Case | None
 
 
-@dataclass(frozen=True, eq=False)
-class Robustness:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robustness(Readable):
     """What `robustness` found; ``str()`` is a table.
 
     Attributes:
@@ -99,6 +100,9 @@ class Robustness:
         from energyopt.robust.text import robustness_dict
 
         return robustness_dict(self)
+
+    def in_brief(self) -> str:
+        return f"{self.uncertainty}: {'every limit holds' if self.holds else 'NOT every limit holds'}"
 
     def __str__(self) -> str:
         from energyopt.robust.text import robustness_table

@@ -20,6 +20,7 @@ from energyopt.energy import electrical_energy
 from energyopt.errors import SimulationError
 from energyopt.plans import Plan
 from energyopt.problem_values import whole
+from energyopt.readable import Readable, counted
 from energyopt.robots.model import RobotModel
 from energyopt.robots.payload import Payload
 from energyopt.robots.variation import Variation, varied_dynamics
@@ -69,8 +70,8 @@ class Distribution:
     largest: float
 
 
-@dataclass(frozen=True, eq=False)
-class Trials:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trials(Readable):
     """What `replay_trials` found; ``str()`` is a table.
 
     Attributes:
@@ -117,6 +118,10 @@ class Trials:
         from energyopt.robust.text import trials_dict
 
         return trials_dict(self)
+
+    def in_brief(self) -> str:
+        ends = f"{self.diverged} diverged, {self.touching} touched something"
+        return f"{self.uncertainty}: {counted(len(self.trials), 'replay')}, {ends}"
 
     def __str__(self) -> str:
         from energyopt.robust.text import trials_table

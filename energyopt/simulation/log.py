@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from energyopt.readable import Readable
+
 if TYPE_CHECKING:
     from energyopt.simulation.contacts import Contact
 
 
-@dataclass(frozen=True, eq=False)
-class ReplayLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReplayLog(Readable):
     """A simulated motion; rows are time, columns the robot's joints, the last row is at the end of the plan.
 
     Attributes:
@@ -44,6 +46,10 @@ class ReplayLog:
     physics_step: float
     wall_s: float
     settings: dict[str, float | str | bool]
+
+    def in_brief(self) -> str:
+        touching = "contacts not looked for" if self.contacts is None else f"{len(self.touches)} contacts"
+        return f"{self.t[-1]:.6g} s, {self.t.size} times, tracking error {self.tracking_max:.2g} rad at most, {touching}"
 
     @property
     def tracking_error(self) -> np.ndarray:
