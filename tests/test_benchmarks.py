@@ -327,6 +327,10 @@ def test_the_fastest_rival_counts_only_where_it_is_as_good(monkeypatch):
     assert compare(found)["against"]["energyopt"] == {"compared": 1, "as_good": 1, "ratios": [15.0], "ratio": 15.0}
     found["energyopt"]["moves"][0]["objective"] = 100.6
     assert compare(found)["against"]["energyopt"] == {"compared": 1, "as_good": 0, "ratios": [], "ratio": None}
+    found["energyopt_coarse"] = {"moves": [run(101.0, 0.01)]}
+    found["energyopt_tighter"] = {"moves": [run(100.2, 0.3)]}
+    against = compare(found)["against"]
+    assert against["energyopt_coarse"]["as_good"] == 0 and against["one start"]["ratios"] == [5.0]
 
 
 def test_of_two_runs_the_lesser_time_of_the_same_motion_counts_and_of_other_motions_the_later(monkeypatch):

@@ -31,7 +31,6 @@ from energyopt.parameterizations.trajectory import PolynomialTrajectory
 from energyopt.solvers import SolverOptions
 from energyopt.solvers.linear import MUMPS
 
-INTERVALS = 30
 MARGIN = 0.995
 """Share of the torque limits allowed at nodes and midpoints, so that they hold between."""
 FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
@@ -43,18 +42,24 @@ SOLVER = {"print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "calc_l
 
 
 class HermiteSimpson(Rival):
-    says = f"Hermite–Simpson by hand in CasADi: {INTERVALS} intervals, exact block-diagonal Hessian, all compiled, IPOPT tuned"
+    says = "Hermite–Simpson by hand in CasADi: 30 intervals, exact block-diagonal Hessian, all compiled, IPOPT tuned"
+    intervals = 30
 
     def prepare(self, robot):
         self._points = _compiled(_point_functions(robot))
 
     def solve(self, problem):
-        breaks = graded_breaks(problem.duration, INTERVALS)
+        breaks = graded_breaks(problem.duration, self.intervals)
         (solver, arguments), build = timed(lambda: _program(problem, self._points, breaks))
         result, seconds = timed(lambda: solver(**arguments))
         stats = solver.stats()
         motion = _motion(np.array(result["x"]).reshape(-1, 3, problem.robot.nv), breaks)
         return Attempt(motion, bool(stats["success"]), stats["iter_count"], seconds, build)
+
+
+class Coarser(HermiteSimpson):
+    says = "the same with 20 intervals"
+    intervals = 20
 
 
 def _point_functions(robot) -> dict[str, ca.Function]:

@@ -45,6 +45,11 @@ class OursByDefault(Ours):
         return Attempt(plan.trajectory, plan.solved, plan.iterations, seconds)
 
 
+class OursCoarser(Ours):
+    says = "energyopt.plan from one start, refined until J is within 5 %"
+    accuracy = 0.05
+
+
 class OursTighter(Ours):
     says = "energyopt.plan from one start, refined until J is within 0.3 %"
     accuracy = 0.003

@@ -20,10 +20,12 @@ from energyopt.threads import single_thread
 
 RIVALS = {
     "quintic": ("_rival_own", "Quintic"),
+    "energyopt_coarse": ("_rival_own", "OursCoarser"),
     "energyopt": ("_rival_own", "Ours"),
     "energyopt_tighter": ("_rival_own", "OursTighter"),
     "energyopt_default": ("_rival_own", "OursByDefault"),
     "hermite_simpson": ("_rival_hermite_simpson", "HermiteSimpson"),
+    "hermite_simpson_coarse": ("_rival_hermite_simpson", "Coarser"),
     "textbook": ("_rival_textbook", "Splines"),
     "crocoddyl": ("_rival_crocoddyl", "Fddp"),
     "mim_solvers": ("_rival_crocoddyl", "Csqp"),

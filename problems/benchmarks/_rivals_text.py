@@ -15,7 +15,7 @@ from energyopt.versions import versions
 
 BEGIN, END = "<!-- rivals: begin (written by problems/benchmarks/rivals.py --docs) -->", "<!-- rivals: end -->"
 FASTER = 15.0
-JUDGED = ("energyopt", "energyopt_default")
+JUDGED = ("one start", "energyopt_default")
 DIFFERENT = 1.05
 """J over the lowest from which two motions of one move are held to be different optima."""
 HEAD = ("", "solve [s]", "before [s]", "once [s]", "J", "J / best", "converged", "held", "worst violation")
@@ -100,15 +100,20 @@ def _rows(found: dict) -> list[tuple]:
 
 
 def _verdict(found: dict) -> str:
-    said = []
-    for key, against in found["against"].items():
-        good = f"as good as the best rival (or better) on {against['as_good']} of {against['compared']} moves"
-        ratio = against["ratio"]
-        faster = (
-            "" if ratio is None else f", there in {ratio:.1f} times less processor time than the fastest rival of that quality"
-        )
-        said.append(f"{key}: {good}{faster}")
-    return "; ".join(said) + "."
+    """How ours compare; of the several accuracies from one start, the fastest of the best rival's quality on each move."""
+    against = dict(found["against"])
+    if "one start" not in against:
+        return ""
+    one, default = against.pop("one start"), against.pop("energyopt_default", None)
+    singly = "; ".join(f"`{key}` alone: {_counts(other)}" for key, other in against.items())
+    said = f"As good as the best rival, or better: from one start on {_counts(one, ' that the fastest rival of that quality takes')}"
+    said += f" ({singly})"
+    return f"{said}." if default is None else f"{said}; by default, with many guesses, on {_counts(default)}."
+
+
+def _counts(against: dict, words: str = "") -> str:
+    moves = f"{against['as_good']} of {against['compared']} moves"
+    return moves if against["ratio"] is None else f"{moves}, in 1/{against['ratio']:.1f} of the processor time{words}"
 
 
 def _optima(results: dict) -> tuple[tuple, list[tuple]]:
