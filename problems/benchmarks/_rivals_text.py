@@ -112,8 +112,11 @@ def _verdict(found: dict) -> str:
 
 
 def _counts(against: dict, words: str = "") -> str:
-    moves = f"{against['as_good']} of {against['compared']} moves"
-    return moves if against["ratio"] is None else f"{moves}, in 1/{against['ratio']:.1f} of the processor time{words}"
+    moves, ratio = f"{against['as_good']} of {against['compared']} moves", against["ratio"]
+    if ratio is None:
+        return moves
+    share = f"1/{ratio:.1f} of" if ratio > 1 else f"{1 / ratio:.1f} times"
+    return f"{moves}, in {share} the processor time{words}"
 
 
 def _optima(results: dict) -> tuple[tuple, list[tuple]]:
