@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import arms
@@ -134,6 +135,18 @@ def test_folder_and_library_are_their_owners_alone(fresh):
     for place in (path, path.parent):
         assert not place.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
     assert [p.name for p in path.parent.iterdir()] == [path.name], "nothing but the library is left in the folder"
+
+
+@needs_compiler
+def test_what_a_killed_compilation_left_is_removed_after_a_day_and_a_running_one_is_left_alone(fresh):
+    folder = compiler.cache_folder()
+    killed, running = folder / "compile-killed", folder / "compile-running"
+    for work in (killed, running):
+        put(work / "sample.c", b"", 0o600)
+    yesterday = time.time() - compiler.FORSAKEN - 60.0
+    os.utime(killed, (yesterday, yesterday))
+    path = library(arms.pendulum())
+    assert {p.name for p in folder.iterdir()} == {path.name, running.name}
 
 
 @needs_compiler

@@ -33,6 +33,9 @@ COMPILE_TIMEOUT = 600.0
 """Seconds after which a compiler is given up."""
 LOOK = 0.05
 """Seconds between two looks at whether it is wanted still."""
+FORSAKEN = 24 * 3600.0
+"""Seconds after which the working folder of a compilation belongs to nobody: its process was killed."""
+_WORK = "compile-"
 
 
 _FAILURES: dict[tuple[str, ...], str] = {}
@@ -147,8 +150,9 @@ def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> 
             return ready
         for damaged in folder.glob(f"kernels-{key}-*.so"):
             discard(damaged)
+        _tidy(folder)
         try:
-            with tempfile.TemporaryDirectory(dir=folder, prefix="compile-") as work:
+            with tempfile.TemporaryDirectory(dir=folder, prefix=_WORK) as work:
                 made = _build(compiler, Path(work), units)
                 os.chmod(made, 0o700)
                 target = folder / _library_name(key, made)
@@ -159,6 +163,14 @@ def compile_library(key: str, units: dict[str, tuple[str, tuple[str, ...]]]) -> 
                 log.warning("energyopt: %s, what it was to compile runs interpreted (same numbers, slower)", why_interpreted())
             return None
     return target
+
+
+def _tidy(folder: Path) -> None:
+    """Remove what compilations have left that were killed."""
+    for work in folder.glob(f"{_WORK}*"):
+        with suppress(OSError):  # another process has just removed it
+            if time.time() - work.stat().st_mtime > FORSAKEN:
+                shutil.rmtree(work, ignore_errors=True)
 
 
 def discard(path: Path) -> None:
