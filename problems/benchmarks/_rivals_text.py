@@ -106,8 +106,8 @@ def _verdict(found: dict) -> str:
         return ""
     one, default = against.pop("one start"), against.pop("energyopt_default", None)
     singly = "; ".join(f"`{key}` alone: {_counts(other)}" for key, other in against.items())
-    said = f"As good as the best rival, or better: from one start on {_counts(one, ' that the fastest rival of that quality takes')}"
-    said += f" ({singly})"
+    counts = _counts(one, " that the fastest rival of that quality takes")
+    said = f"As good as the best rival, or better: from one start on {counts} ({singly})"
     return f"{said}." if default is None else f"{said}; by default, with many guesses, on {_counts(default)}."
 
 
