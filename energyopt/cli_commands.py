@@ -58,7 +58,11 @@ def _sweep(parsed: argparse.Namespace) -> int:
     if parsed.out is not None:
         from energyopt.sweep_files import write_sweep
 
-        print("files: " + ", ".join(str(path) for path in write_sweep(curve, parsed.out, not parsed.no_figures)))
+        figures = not (parsed.no_figures or curve.interrupted)  # whoever interrupts wants an end
+
+        print("files: " + ", ".join(str(path) for path in write_sweep(curve, parsed.out, figures)))
+    if curve.interrupted:
+        return INTERRUPTED
     return VALID if any(point.solved for point in curve.points) else INVALID
 
 

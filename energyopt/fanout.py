@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -13,8 +14,11 @@ from energyopt.problem import Problem
 from energyopt.search import Search
 from energyopt.search_state import SearchOptions
 from energyopt.searcher import STOP, Parameterization, Searcher
+from energyopt.serving import WorkerLost
 from energyopt.solvers import Outcome
 from energyopt.workers import Worker, call_all, cores
+
+log = logging.getLogger("energyopt")
 
 GRACE = 0.3
 """Seconds after the end of a time limit in which processes may still answer."""
@@ -42,7 +46,14 @@ def search_in_processes(
 
     for k, answer in call_all(search_once, calls(), cores(), lambda: stop() or late(GRACE) or enough(), workers):
         attempt = sent.pop(k)
-        search = _received(searcher, answer, attempt) if isinstance(answer, Search) else searcher.search(attempt)
+        if isinstance(answer, WorkerLost):  # what ends a process would end this one
+            log.warning("energyopt: %s; guess '%s' is left out", answer, attempt.name)
+            continue
+        if isinstance(answer, Search):
+            search = _received(searcher, answer, attempt)
+        else:
+            log.info("energyopt: no answer from a worker process (%s); guess '%s' is solved here", answer, attempt.name)
+            search = searcher.search(attempt)
         found.add(search, attempt)
         numbers.append(k)
         if options.progress is not None:

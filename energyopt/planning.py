@@ -85,6 +85,9 @@ def plan(
         verbose: show progress on standard error, or a function called with (phase, iteration, objective, violation).
         throw: raise where no valid motion is found; otherwise return the best attempt with its status.
 
+    Returns:
+        the best verified motion. After Ctrl-C, whatever ``throw`` is, the best motion so far, with the status INTERRUPTED.
+
     Raises:
         InputError: an argument makes no sense, or the request is impossible whatever the motion.
         NoSolutionFound: no valid motion was found; carries the best attempt.

@@ -40,11 +40,11 @@ def rescale(plan: Plan, duration: float | Callable[[UniformScaling], float]) -> 
     terms, violations = cost(problem, motion), verify(problem, motion)
     solved = is_valid(violations)
     message = f"scaled from {plan.duration:.4g} s to {T:.4g} s; {describe(violations)}"
-    spent = {"build": 0.0, "compile": 0.0, "solve": 0.0, "verify": now() - began}
+    spent = dict.fromkeys(plan.time_s, 0.0) | {"verify": now() - began}
     return replace(
         plan, problem=problem, status=Status.SOLVED if solved else Status.LIMITS_VIOLATED, message=message, trajectory=motion,
         objective=sum(terms.values()), cost_terms=terms, violations=violations, discretization_error=None, iterations=0,
-        time_s=spent, options=plan.options | {"scaled_from_s": plan.duration},
+        time_s=spent, options=plan.options | {"scaled_from_s": plan.duration}, notes=problem.robot.notes, optima=(),
     )  # fmt: skip
 
 

@@ -81,7 +81,7 @@ def retime(
     built = now()
     with single_thread(), Interrupts() as interrupted:
         found = optimal_law(request, guess, interrupted)
-    plan = _plan(task, found, count, {"build": built - began, "compile": 0.0, "solve": now() - built})
+    plan = _plan(task, found, count, {"compile": 0.0, "guess": 0.0, "build": built - began, "solve": now() - built})
     if throw and plan.status not in (Status.SOLVED, Status.INTERRUPTED):
         raise NoSolutionFound(plan)
     return plan

@@ -23,13 +23,13 @@ from energyopt.arguments import check_names, check_options, check_problem
 from energyopt.costs import Samples
 from energyopt.durations import duration_bounds
 from energyopt.errors import InputError, NoSolutionFound, ProblemError
+from energyopt.following import Follower
 from energyopt.parameterizations import BSpline
 from energyopt.planning import DEFAULTS, Parameterization, planned
-from energyopt.plans import Plan
+from energyopt.plans import Plan, Status
 from energyopt.problem import FramePose, Problem
 from energyopt.problem_values import numbers, real, shown
 from energyopt.readable import Readable, counted
-from energyopt.sweeping import followed
 
 SAME_PLACE = 1e-9
 """Difference [rad] between the goal of a move and the start of the next that is taken for rounding."""
@@ -119,6 +119,7 @@ def plan_sequence(
 
     Raises:
         InputError: the moves do not fit each other, or the time is too short. NoSolutionFound: a move has no valid plan.
+        KeyboardInterrupt: Ctrl-C; there is no half of a sequence.
     """
     pauses, time = _checked(moves, cycle_time, dwells)
     parameterization = BSpline() if parameterization is None else parameterization
@@ -164,12 +165,15 @@ class _Curve:
             NoSolutionFound: no duration so far has a valid plan.
         """
         times, reason = np.setdiff1d(durations, list(self._found)), ""
-        for T, plan, _, why in followed(self.move, times, self._coarse, self._given) if times.size else ():
-            reason = why or reason
-            if plan is not None and plan.solved:
-                self._found[T] = plan
-            elif plan is not None:
-                self._failed = plan
+        follower = Follower(self.move, self._coarse, self._given)
+        for found in follower.optima(times) if times.size else ():
+            reason = found.why or reason
+            if found.plan is not None and found.plan.solved:
+                self._found[found.duration] = found.plan
+            elif found.plan is not None:
+                self._failed = found.plan
+        if follower.interrupted:
+            raise KeyboardInterrupt  # there is no half of a sequence
         if not self._found:
             raise ProblemError(f"plan_sequence: {reason}") if self._failed is None else NoSolutionFound(self._failed)
 
@@ -193,6 +197,8 @@ class _Curve:
         """The plan for a duration, from that of the nearest one."""
         nearest = self._found[min(self._found, key=lambda T: abs(T - duration))]
         plan, _ = planned(self.move.lasting(duration), self._fine, self._given, guess=nearest.trajectory)
+        if plan.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
         if not plan.solved:
             raise NoSolutionFound(plan)
         return plan

@@ -22,14 +22,14 @@ from energyopt.exit_codes import INTERRUPTED
 PATIENCE = 0.33
 """Seconds from the signal to the end for whoever has something left to save."""
 WRITING = 0.1
-"""Seconds more, at most, for a file that is being written."""
+"""Seconds more, at most, for files that are being written. A slower disk lacks the last of them then, but none is cut."""
 
 _files = threading.Lock()
 
 
 @contextmanager
 def whole_files() -> Iterator[None]:
-    """Around the writing of files: the process does not end inside."""
+    """Around the writing of files that belong together: the process does not end inside, if that takes no more than `WRITING`."""
     with _files:
         yield
 

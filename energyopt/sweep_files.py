@@ -50,5 +50,5 @@ def _table(rows: list[dict[str, Any]]) -> bytes:
 def _json(sweep: Sweep, rows: list[dict[str, Any]]) -> bytes:
     best = {"duration_s": sweep.best.duration, "objective": sweep.best.objective, "status": sweep.best.status.value}
     subject = {"name": sweep.problem.name, "robot": sweep.problem.robot.name}
-    content = subject | {"points": rows, "best": best, "versions": versions()}
+    content = subject | {"points": rows, "best": best, "interrupted": sweep.interrupted, "versions": versions()}
     return (json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()

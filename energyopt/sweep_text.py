@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energyopt.following import LEFT_OUT
+from energyopt.plans import Status
+
 if TYPE_CHECKING:
     from energyopt.sweeping import Sweep, SweepPoint
 
@@ -25,7 +28,7 @@ def known_measures(sweep: Sweep) -> list[str]:
 
 def sweep_table(sweep: Sweep) -> str:
     """One line a duration: every measure, and the saving in J against ordinary motions of the same duration."""
-    names, kinds = known_measures(sweep), list(sweep.points[0].baselines)
+    names, kinds = known_measures(sweep), sweep.baseline_kinds
     heads = ["T [s]", *(MEASURES[name] for name in names), *(f"J below {kind}" for kind in kinds)]
     rows = [[f"{point.duration:.4g}", *_cells(point, names, kinds)] for point in sweep.points]
     widths = [max(len(row[k]) for row in [heads, *rows] if len(row) == len(heads)) for k in range(len(heads))]
@@ -45,8 +48,10 @@ def sweep_rows(sweep: Sweep) -> list[dict[str, Any]]:
     for point in sweep.points:
         row: dict[str, Any] = {"duration_s": point.duration, "status": _status(point)}
         row |= {name: point.energy.get(name) for name in names}
-        for kind, measured in point.baselines.items():
-            row |= {f"{kind}_{name}": measured.get(name) for name in names} | {f"{kind}_holds": bool(measured["holds"])}
+        for kind in sweep.baseline_kinds:
+            measured = point.baselines.get(kind, {})
+            row |= {f"{kind}_{name}": measured.get(name) for name in names}
+            row[f"{kind}_holds"] = bool(measured["holds"]) if measured else None
         rows.append(row)
     return rows
 
@@ -63,7 +68,9 @@ def _cells(point: SweepPoint, names: list[str], kinds: list[str]) -> list[str]:
 
 
 def _status(point: SweepPoint) -> str:
-    return "IMPOSSIBLE" if point.plan is None else point.plan.status.value
+    if point.plan is None:
+        return Status.INTERRUPTED.value if point.why == LEFT_OUT else "IMPOSSIBLE"
+    return point.plan.status.value
 
 
 def _at_end(sweep: Sweep) -> str:

@@ -4,9 +4,9 @@ independent work on as many as there are cores."""
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
 
@@ -18,9 +18,29 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def single_thread() -> AbstractContextManager:
-    """A context in which NumPy's and SciPy's linear algebra keeps to one thread."""
-    return _controller().limit(limits=1, user_api="blas")
+class _SingleThread:
+    """The limit is the whole process's: the first thread inside sets it, and the last one to leave takes it back."""
+
+    def __init__(self):
+        self._inside, self._limit, self._changing = 0, None, threading.Lock()
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        with self._changing:
+            if not self._inside:
+                self._limit = _controller().limit(limits=1, user_api="blas")
+            self._inside += 1
+        try:
+            yield
+        finally:
+            with self._changing:
+                self._inside -= 1
+                if not self._inside:
+                    self._limit.restore_original_limits()
+
+
+single_thread = _SingleThread()
+"""A context in which NumPy's and SciPy's linear algebra keeps to one thread, in any number of threads of the caller."""
 
 
 @cache

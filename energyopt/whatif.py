@@ -31,7 +31,7 @@ from energyopt.parameterizations import BSpline, HermiteSimpson, Sinusoid
 from energyopt.parameterizations.bspline import SplineSpace
 from energyopt.parameterizations.space import MotionSpace
 from energyopt.parameterizations.trajectory import PolynomialTrajectory, SplineTrajectory, Trajectory
-from energyopt.plans import Plan
+from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
 from energyopt.readable import Readable
@@ -70,6 +70,8 @@ def what_if(base: Problem | Plan, **options: Any) -> WhatIf:
     """
     if isinstance(base, Problem):
         base = planning.plan(base, **options)
+        if base.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt  # there is no session without an optimum
     elif not isinstance(base, Plan):
         raise ProblemError(f"what_if: base is {shown(base)}: expected an energyopt.Problem or a solved Plan")
     elif options:
@@ -131,7 +133,7 @@ class WhatIf(Readable):
                 found = min(found, self._cold(problem), key=lambda plan: (not plan.solved, plan.objective))
         if found.solved:
             self._keep(found)
-        elif throw:
+        elif throw and found.status is not Status.INTERRUPTED:
             raise NoSolutionFound(found)
         return found
 

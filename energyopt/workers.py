@@ -12,6 +12,7 @@ import logging
 import os
 import pickle
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -186,9 +187,18 @@ class Worker:
     def _close(self) -> None:
         self._process.kill()
         self._process.wait()
+        _end_session(self._process.pid)
         for pipe in (self._process.stdin, self._process.stdout):
             with suppress(OSError):
                 pipe.close()
+
+
+def _end_session(leader: int) -> None:
+    """Kill what the leader of a session has left running, such as compilers; where there is no /proc they end by themselves."""
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError, IndexError):  # most have nothing to do with us, and some end meanwhile
+            if int(status.read_text().rpartition(")")[2].split()[3]) == leader:
+                os.kill(int(status.parent.name), signal.SIGKILL)
 
 
 def _search_path() -> list[str]:

@@ -47,3 +47,32 @@ def _turn(folder: Path, alone: bool):
         finally:
             for file in (room, door):  # closing would not do where a test has forked
                 fcntl.flock(file, fcntl.LOCK_UN)
+
+
+class Workers:
+    """How many searches worker processes have answered; `idle` keeps the next ones in this process."""
+
+    def __init__(self, monkeypatch):
+        from energyopt import fanout
+
+        self.answers, self._patch = 0, monkeypatch
+        received = fanout._received
+        monkeypatch.setattr(fanout, "_received", lambda *arguments: self._counted(received, arguments))
+        monkeypatch.setattr(fanout, "cores", lambda: 2)
+        monkeypatch.setattr("energyopt.campaign.WORTH_PROCESSES", 0.0)
+
+    def _counted(self, received, arguments):
+        self.answers += 1
+        return received(*arguments)
+
+    @contextmanager
+    def idle(self):
+        with self._patch.context() as patch:
+            patch.setattr("energyopt.campaign.WORTH_PROCESSES", float("inf"))
+            yield
+
+
+@pytest.fixture
+def two_workers(monkeypatch):
+    """Guesses are searched from in two worker processes, however short their searches."""
+    return Workers(monkeypatch)

@@ -16,7 +16,7 @@ from energyopt.baselines import baseline
 from energyopt.dynamics import compiler
 from energyopt.dynamics.kernels import kernels_of
 from energyopt.parameterizations import BSpline
-from energyopt.solvers import Outcome, SolverOptions, interior, ipopt, solve
+from energyopt.solvers import Outcome, SolverOptions, SolverResult, interior, ipopt, solve, solving
 from energyopt.transcription import Cuts, transcribe
 from energyopt.transcription.duals import Duals
 
@@ -171,6 +171,25 @@ def test_what_was_done_before_ipopt_took_over_is_counted():
     alone = ipopt.solve(contradiction(), np.zeros(2))
     assert both.iterations == ours.iterations + alone.iterations
     assert both.evaluations["hessian"] == ours.evaluations["hessian"] + alone.evaluations["hessian"]
+
+
+def test_ipopt_has_the_time_that_is_left(monkeypatch):
+    clock, given = [100.0], []
+
+    def ours(*_):
+        clock[0] += 0.5
+        return SolverResult(START, np.zeros(0), Outcome.FAILED, "no step", 0.0, 3)
+
+    def theirs(program, x0, options, *_):
+        given.append(options.time_limit)
+        return SolverResult(START, np.zeros(0), Outcome.CONVERGED, "", 0.0, 1)
+
+    monkeypatch.setattr(solving.interior, "solve", ours)
+    monkeypatch.setattr(solving.ipopt, "solve", theirs)
+    monkeypatch.setattr(solving.time, "monotonic", lambda: clock[0])
+    for limit in (0.6, 0.4, None):
+        solving.solve(rosenbrock(), START, SolverOptions(time_limit=limit))
+    assert given == [pytest.approx(0.1), solving.LEAST_TIME, None]
 
 
 def test_ipopt_runs_without_a_compiler(monkeypatch):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import arms
@@ -278,6 +279,22 @@ def test_a_compiler_that_is_not_there_is_named_once_and_another_used(fresh, capl
     assert found[0] == found[1] and found[0] is not None
     assert len(caplog.records) == 1
     assert f"{variable} is 'no-such-cc -O9', which is no program that can be run; '{' '.join(found[0])}' is used" in caplog.text
+
+
+def test_one_compilation_at_a_time_whoever_comes_while_the_lock_is_let_go(tmp_path):
+    """A file that was removed while others waited for it locks nobody out who comes later."""
+    path, inside, most = tmp_path / "lock", [], []
+
+    def compile_once(_):
+        with compiler._lock(path):
+            inside.append(1)
+            most.append(len(inside))
+            time.sleep(0.002)
+            inside.pop()
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(compile_once, range(64)))
+    assert max(most) == 1 and len(most) == 64 and not path.exists()
 
 
 PROGRAM = """

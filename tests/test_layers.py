@@ -29,7 +29,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "parcels places batch whatif sensitivity",
     "simulation",
     "metrics energy",
-    "robust sweeping sweep_text sequence",
+    "robust following sweeping sweep_text sequence",
     "validation validation_text",
     "plots plotting report report_energy report_parts report_problem report_scene",
     "workflow batch_files robust_workflow sweep_files",

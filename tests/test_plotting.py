@@ -229,7 +229,7 @@ def test_wrong_arguments_are_named():
             draw(plan, replayed("panda"))
         with pytest.raises(InputError, match=r"plan is None: expected an energyopt\.Plan"):
             draw(None)
-        with pytest.raises(InputError, match=r"plan is Problem\(.*solve it first"):
+        with pytest.raises(InputError, match=r"plan is <Problem: .*solve it first"):
             draw(plan.problem)
         with pytest.raises(InputError, match=r"log is 5: expected what energyopt\.replay gives"):
             draw(plan, 5)

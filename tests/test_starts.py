@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import energyopt as eo
-from energyopt import campaign, fanout, found, racing, rounds
+from energyopt import campaign, found, racing, rounds
 from energyopt.actuators import ActuatorModel
 from energyopt.costs import Duration, ElectricalEnergy, TorqueSquared
 from energyopt.dynamics.kernels import kernels_of
@@ -167,11 +167,11 @@ def test_the_best_of_many_starts_with_self_collision_holds_and_its_optima_are_ke
     assert plan.objective <= eo.plan(folding(), FIXED, starts=1).objective * 1.001
 
 
-def test_self_collision_gives_the_same_plan_in_one_process_or_in_several(monkeypatch):
-    first = eo.plan(folding(), FIXED, starts=12)
-    monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
-    monkeypatch.setattr(fanout, "cores", lambda: 2)
+def test_self_collision_gives_the_same_plan_in_one_process_or_in_several(two_workers):
+    with two_workers.idle():
+        first = eo.plan(folding(), FIXED, starts=12)
     again = eo.plan(folding(), FIXED, starts=12)
+    assert two_workers.answers > 4
     assert again.options["tried"] == first.options["tried"] and again.objective == first.objective
     assert [one.summary for one in again.optima] == [one.summary for one in first.optima]
 
@@ -305,13 +305,14 @@ def test_torque_rows_of_a_motion_of_free_duration_keep_their_multipliers(solved)
     assert plan.solved and len(kept) > 1 and max(kept) > 50
 
 
-def test_knots_that_hold_no_motion_are_given_up_after_the_same_guesses_in_one_process_or_in_several(monkeypatch):
+def test_knots_that_hold_no_motion_are_given_up_after_a_few_guesses_before_any_process_is_started(two_workers):
     limits = {"velocity_limits": 3.0, "acceleration_limits": 20.0}
     problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], 0.58, **limits)
     method = eo.BSpline(control_points=10)
-    one = eo.plan(problem, method, throw=False)
-    monkeypatch.setattr(campaign, "WORTH_PROCESSES", 0.0)
+    with two_workers.idle():
+        one = eo.plan(problem, method, throw=False)
     several = eo.plan(problem, method, throw=False)
+    assert two_workers.answers == 0 and len(one.options["tried"]) < campaign.STARTS
     assert one.options["tried"] == several.options["tried"] and one.iterations == several.iterations
 
 

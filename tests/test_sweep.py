@@ -1,6 +1,7 @@
 """The energy–time curve of a problem."""
 
 import json
+from dataclasses import replace
 
 import arms
 import numpy as np
@@ -35,10 +36,44 @@ def test_every_point_is_what_a_plan_of_its_own_finds():
 
 
 def test_two_processes_give_the_same_curve(monkeypatch):
-    monkeypatch.setattr("energyopt.sweeping.WORTH_PROCESSES", 0.0)
+    monkeypatch.setattr("energyopt.following.WORTH_PROCESSES", 0.0)
     problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=1.0)
     one, two = (eo.sweep(problem, [0.6, 0.9, 1.2], processes=n) for n in (1, 2))
     np.testing.assert_array_equal(one.curve(), two.curve())
+
+
+@pytest.mark.parametrize("told", ["by its status", "by an exception"])
+def test_ctrl_c_ends_a_sweep_and_keeps_what_there_is(monkeypatch, told, tmp_path):
+    from energyopt import following
+
+    planned, calls = following.planned, []
+
+    def interrupted(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 3 and told == "by an exception":
+            raise KeyboardInterrupt
+        plan, search = planned(*arguments, **options)
+        return (replace(plan, status=eo.Status.INTERRUPTED, message="interrupted") if len(calls) == 3 else plan), search
+
+    monkeypatch.setattr(following, "planned", interrupted)
+    problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=1.0)
+    curve = eo.sweep(problem, [0.6, 0.9, 1.2, 1.5, 1.8], eo.BSpline(accuracy=None), starts=1)
+    assert curve.interrupted and len(calls) == 3
+    assert [point.solved for point in curve.points] == [False, True, True, False, False]
+    assert curve.best is min((point.plan for point in curve.points if point.solved), key=lambda plan: plan.objective)
+    assert str(curve).count("INTERRUPTED: interrupted") == 3 and "IMPOSSIBLE" not in str(curve)
+    files = write_sweep(curve, tmp_path, figures=True)
+    assert json.loads(files[1].read_text())["interrupted"] is True
+    calls[:] = [None, None]
+    with pytest.raises(KeyboardInterrupt):
+        eo.sweep(problem, [0.6, 0.9], eo.BSpline(accuracy=None), starts=1)
+
+
+@pytest.mark.parametrize("processes", ["x", 0, -5, 1.5, True])
+def test_processes_are_a_whole_number(processes):
+    problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], duration=1.0)
+    with pytest.raises(eo.InputError, match="sweep: processes is"):
+        eo.sweep(problem, [0.6, 0.9], processes=processes)
 
 
 def test_durations_that_are_impossible_say_so_and_the_others_are_planned():

@@ -10,6 +10,7 @@ import pytest
 
 from energyopt import fanout, threads, workers
 from energyopt.search_state import SearchOptions
+from energyopt.serving import WorkerLost
 
 
 @pytest.fixture
@@ -17,6 +18,28 @@ def two_of_64(monkeypatch):
     """A machine of 64 processors, two of which are ours, as in a container."""
     monkeypatch.setattr(workers.os, "cpu_count", lambda: 64)
     monkeypatch.setattr(workers.os, "sched_getaffinity", lambda pid: {0, 1}, raising=False)
+
+
+def test_linear_algebra_keeps_to_one_thread_until_the_last_caller_is_done(monkeypatch):
+    """And has as many as before afterwards, whoever leaves first."""
+    now = [4]
+
+    class Limit:
+        def __init__(self, limits, user_api):
+            assert user_api == "blas"
+            self.before, now[0] = now[0], limits
+
+        def restore_original_limits(self):
+            now[0] = self.before
+
+    monkeypatch.setattr(threads, "_controller", lambda: SimpleNamespace(limit=Limit))
+    first, second = threads.single_thread(), threads.single_thread()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert now == [1]
+    second.__exit__(None, None, None)
+    assert now == [4]
 
 
 def test_no_more_threads_run_than_there_are_processors_for_us(two_of_64):
@@ -30,6 +53,18 @@ def test_no_more_threads_run_than_there_are_processors_for_us(two_of_64):
         return -item
 
     assert threads.side_by_side(work, range(8)) == [-k for k in range(8)] and max(most) == 2
+
+
+def test_a_guess_that_ends_its_process_is_left_out_and_not_tried_in_this_one(caplog, monkeypatch):
+    answers = [(0, WorkerLost("a worker process ended by signal 11")), (1, RuntimeError("no pickle"))]
+    monkeypatch.setattr(fanout, "call_all", lambda function, calls, *_: iter(answers[: len(list(calls))]))
+    added = []
+    found = SimpleNamespace(tried=[], add=lambda search, attempt: added.append(search), put_in_order=lambda *_: None)
+    here = lambda attempt: SimpleNamespace(name=attempt.name, outcome=None, objective=1.0, depth=0.0)
+    searcher = SimpleNamespace(options=SearchOptions(), search=here, problem=None, durations=None, parameterization=None)
+    fanout.search_in_processes(searcher, (SimpleNamespace(name=name) for name in "ab"), found, lambda: False, [])
+    assert [search.name for search in added] == ["b"]
+    assert "ended by signal 11; guess 'a' is left out" in caplog.text
 
 
 def test_no_more_processes_search_than_there_are_processors_for_us(two_of_64, monkeypatch):

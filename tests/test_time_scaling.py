@@ -204,6 +204,7 @@ def test_a_plan_made_slower_is_judged_anew_and_its_ends_are_scaled():
     slow = rescale(plan, 2.0)
     assert slow.solved and slow.duration == 2.0 and np.allclose(slow.problem.start_velocity, [0.2, 0.0])
     assert slow.objective == pytest.approx(eo.uniform_scaling(plan.trajectory, robot).objective(2.0), rel=1e-9)
+    assert not slow.optima and slow.time_s.keys() == plan.time_s.keys(), "the optima were those of another duration"
     fast = rescale(plan, 0.05)
     assert fast.status is eo.Status.LIMITS_VIOLATED and "exceeds its limit" in fast.message
     best = rescale(plan, lambda scaling: scaling.cheapest((0.3, 5.0)))

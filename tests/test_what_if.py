@@ -1,5 +1,7 @@
 """What-if sessions: re-solves find what fresh plans of the changed problems find, compile nothing, follow the base problem."""
 
+from dataclasses import replace
+
 import arms
 import numpy as np
 import pytest
@@ -169,6 +171,16 @@ def test_changes_that_make_no_sense_are_named(changes, said):
     with pytest.raises(eo.InputError, match=said) as caught:
         session.solve(**changes)
     assert "\n" not in str(caught.value)
+
+
+def test_ctrl_c_ends_a_re_solve_as_it_ends_a_plan(session, monkeypatch):
+    """With the best motion so far, and without an exception; the session stays where it was."""
+    before, half = session.plan, replace(session.base, status=eo.Status.INTERRUPTED, message="interrupted")
+    monkeypatch.setattr(session, "_resolve", lambda problem: half)
+    assert session.solve(velocity_weight=0.3).status is eo.Status.INTERRUPTED and session.plan is before
+    monkeypatch.setattr("energyopt.planning.plan", lambda *_, **__: half)
+    with pytest.raises(KeyboardInterrupt):
+        eo.what_if(swing())
 
 
 def test_sessions_begin_with_a_problem_or_a_solved_plan():

@@ -31,6 +31,28 @@ def test_stopping_ends_the_workers():
     assert time.monotonic() - began < 20.0
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="sessions are read from /proc")
+def test_what_a_worker_has_started_ends_with_it(tmp_path):
+    """As a compiler does, which is in a process group of its own and would go on otherwise."""
+    begun = tmp_path / "begun"
+    command = f"import os, time; os.setpgid(0, 0); open({str(begun)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    there = lambda: begun.exists() and begun.read_text()
+    assert not list(workers.call_all(subprocess.call, [([sys.executable, "-c", command],)], 1, stop=there))
+    status = f"/proc/{begun.read_text()}/stat"
+    latest = time.monotonic() + 20.0
+    while os.path.exists(status) and _state(status) not in "ZX" and time.monotonic() < latest:
+        time.sleep(0.01)
+    assert not os.path.exists(status) or _state(status) in "ZX"
+
+
+def _state(status):
+    try:
+        with open(status) as file:
+            return file.read().rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
+
+
 def test_workers_that_are_kept_answer_later_calls_too_unless_they_were_stopped():
     kept = []
     (first,) = workers.call_all(os.getpid, [()], 1, kept=kept)

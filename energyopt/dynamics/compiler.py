@@ -24,6 +24,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import IO
 
 from energyopt.threads import Wanted, always_wanted, side_by_side
 
@@ -276,15 +277,34 @@ def has_wide_vectors() -> bool:
 def _lock(path: Path):
     """One compilation of a library at a time; where files cannot be locked, several compile it and rename theirs in turn."""
     try:
-        import fcntl
-
-        handle = path.open("w")
-        fcntl.flock(handle, fcntl.LOCK_EX)
+        handle = _locked(path)
     except (ImportError, OSError):
         yield
         return
     try:
         yield
     finally:
+        path.unlink(missing_ok=True)  # before the lock is let go: whoever waits for it sees that the file is gone
         handle.close()
-        path.unlink(missing_ok=True)
+
+
+def _locked(path: Path) -> IO:
+    """The file at ``path``, locked.
+
+    Raises:
+        OSError, ImportError: files cannot be locked here.
+    """
+    import fcntl
+
+    while True:
+        handle = path.open("w")
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            if os.path.samestat(os.fstat(handle.fileno()), path.stat()):
+                return handle
+        except FileNotFoundError:  # its last owner has removed it
+            pass
+        except OSError:
+            handle.close()
+            raise
+        handle.close()

@@ -53,7 +53,7 @@ def plot_sweep(sweep: Sweep) -> Figure:
 def _savings(ax: Axes, sweep: Sweep) -> None:
     """By how much J of the plans is below that of ordinary motions."""
     ours, least = sweep.curve(), 0.0
-    for kind, colour in zip(sweep.points[0].baselines, look.BASELINE_COLOURS, strict=False):
+    for kind, colour in zip(sweep.baseline_kinds, look.BASELINE_COLOURS, strict=False):
         saving = 100.0 * (1.0 - ours / sweep.baseline_curve(kind))
         ax.plot(sweep.durations, saving, "o-", color=colour, markersize=3.5, linewidth=1.3, label=kind)
         least = min(least, np.nanmin(saving))
@@ -64,7 +64,7 @@ def _savings(ax: Axes, sweep: Sweep) -> None:
 def _panel(ax: Axes, sweep: Sweep, name: str) -> None:
     durations, ours = sweep.durations, sweep.curve(name)
     ax.plot(durations, ours, marker="o", markersize=3.5, label="planned", **look.LINES["planned"])
-    for kind, colour in zip(sweep.points[0].baselines, look.BASELINE_COLOURS, strict=False):
+    for kind, colour in zip(sweep.baseline_kinds, look.BASELINE_COLOURS, strict=False):
         theirs = sweep.baseline_curve(kind, name)
         holds = sweep.baseline_curve(kind, "holds") > 0
         ax.plot(durations, theirs, color=colour, linewidth=1.3, zorder=2, label=kind)
@@ -72,6 +72,6 @@ def _panel(ax: Axes, sweep: Sweep, name: str) -> None:
             ax.plot(durations[mask], theirs[mask], "o", markersize=3.5, color=colour, markerfacecolor=face, zorder=3)
     ax.axvline(sweep.best.duration, color=look.QUIET, linewidth=1.0, linestyle=":", zorder=1, label="cheapest J")
     top = np.nanmax(ours)
-    everything = np.concatenate([ours, *(sweep.baseline_curve(kind, name) for kind in sweep.points[0].baselines)])
+    everything = np.concatenate([ours, *(sweep.baseline_curve(kind, name) for kind in sweep.baseline_kinds)])
     ax.set(title=_TITLES[name], xlim=(durations[0], durations[-1]))
     ax.set_ylim(0.0, 1.08 * min(np.nanmax(everything), TALL * top))

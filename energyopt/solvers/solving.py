@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,6 +13,8 @@ from energyopt.solvers.result import DEFAULT, Outcome, Progress, SolverOptions, 
 
 _ENDS = (Outcome.CONVERGED, Outcome.ACCEPTABLE, Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
 """Outcomes after which IPOPT need not try."""
+LEAST_TIME = 1e-3
+"""Seconds that IPOPT is given at least: it has no solve of none."""
 
 
 def solve(
@@ -35,13 +38,15 @@ def _solved(program, x0: np.ndarray, options: SolverOptions, progress: Progress 
         program.evaluator.move(x0)
         none = np.zeros(program.rows)
         return SolverResult(x0, none, Outcome.INFEASIBLE, "bounds contradict each other", program.evaluator.objective(), 0)
+    began = time.monotonic()
     ours = interior.solve(program, x0, options, progress, stop)
     if ours is not None and (ours.outcome in _ENDS or ours.iterations >= options.iterations):
         return ours
     left = options
     if ours is not None:
         seen, shown = ours.iterations, progress
-        left = replace(options, iterations=options.iterations - seen)
+        rest = None if options.time_limit is None else max(options.time_limit - (time.monotonic() - began), LEAST_TIME)
+        left = replace(options, iterations=options.iterations - seen, time_limit=rest)
         progress = None if shown is None else lambda k, objective, violation: shown(seen + k, objective, violation)
     result = ipopt.solve(program, x0, left, progress, stop)
     return result if ours is None else _with_effort(result, ours)
