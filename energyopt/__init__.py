@@ -39,6 +39,7 @@ _HOME = {
     "baseline": "baselines",
     "energy_account": "energy",
     "duration_bounds": "durations",
+    "judge": "judging",
     "load_plan": "io",
     "load_problem": "io",
     "load_robot": "robots",

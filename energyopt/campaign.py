@@ -76,6 +76,7 @@ class Campaign:
     judge: Judge = field(default_factory=Judge)
     optima: tuple[Optimum, ...] = ()
     began: float = field(default_factory=time.monotonic)
+    _sure: list[Search] = field(default_factory=list)
     _workers: list[Worker] = field(default_factory=list)
 
     def __post_init__(self):
@@ -155,10 +156,12 @@ class Campaign:
         more than it takes to know all optima."""
         found, hopping = self.found, int(HOPS * wanted) if self.given is None else 0
         hopping = hopping if hopping >= LEAST_HOPS else 0
-        different, before = wanted - hopping, -1
+        different, before, block = wanted - hopping, -1, BLOCK
+        self._secure(source, wanted)
         while before < len(found.tried) < different and not (found.stopped or self._hopeless or (thrifty and found.all_known)):
             before = len(found.tried)
-            self._search_all(source, min(before + BLOCK, different) if thrifty else different)
+            self._search_all(source, min(block, different) if thrifty else different)
+            block = len(found.tried) + BLOCK
         found.keep_apart(self.searcher, self._enough)
         for k in range(HOP_ROUNDS):
             numbers = range(hopping * k // HOP_ROUNDS, hopping * (k + 1) // HOP_ROUNDS)
@@ -168,6 +171,19 @@ class Campaign:
                 return
             self._search_all(self._hops(targets, numbers), len(found.tried) + len(numbers))
             found.keep_apart(self.searcher, self._enough)
+
+    def _secure(self, source: Iterator[Attempt], wanted: int) -> None:
+        """Where time is limited, a valid motion from the first guess before others are tried, and refined if that was quick: time
+        may be over in the middle of all that makes the others valid."""
+        if self.options.deadline is None or wanted < 2:
+            return
+        self._search_all(source, 1)
+        for accuracy in dict.fromkeys((None, self.searcher.accuracy)):
+            if self.found.stopped or not self.found.any_promising or self._enough():
+                return
+            search = Runner(self.found.searches[0], accuracy, self.judge).finish()
+            if self.judge.holds(search):
+                self._sure.append(search)
 
     def _search_among_obstacles(self, source: Iterator[Attempt], wanted: int) -> None:
         """From guesses, and at last from one that is free with a firmer penalty."""
@@ -179,7 +195,9 @@ class Campaign:
                 free = attempt if attempt.free else free
                 yield attempt
 
-        self._search_all(watched(), wanted)
+        some = watched()
+        self._secure(some, wanted)
+        self._search_all(some, wanted)
         if not (free is None or found.any_promising or found.stopped):
             found.add(self.searcher.search(replace(free, name=f"{free.name}, firmer"), firm=FIRMEST))
 
@@ -246,4 +264,4 @@ class Campaign:
             ended = [found.ended_by] if found.ended_by else []
             yield from sorted((search for search in [*found.searches, *ended] if not is_promising(search)), key=judge.excess)
 
-        return winner(best, others(), self.searcher.accuracy, judge)
+        return winner(best, others(), self.searcher.accuracy, judge, self._sure)

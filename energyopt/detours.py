@@ -12,7 +12,8 @@ from energyopt.attempts import Attempt
 from energyopt.found import SAME, Found
 from energyopt.optima import above
 from energyopt.search import Search
-from energyopt.searcher import STICKS_OUT, STOP, Searcher, is_promising
+from energyopt.search_state import STOP
+from energyopt.searcher import STICKS_OUT, Searcher, is_promising
 from energyopt.seeds import guesses
 from energyopt.transcription.penalty import overlap
 

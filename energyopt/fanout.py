@@ -12,8 +12,8 @@ from energyopt.dynamics.kernels import kernels_of
 from energyopt.found import Found
 from energyopt.problem import Problem
 from energyopt.search import Search
-from energyopt.search_state import SearchOptions
-from energyopt.searcher import STOP, Parameterization, Searcher
+from energyopt.search_state import STOP, SearchOptions
+from energyopt.searcher import Parameterization, Searcher
 from energyopt.serving import WorkerLost
 from energyopt.solvers import Outcome
 from energyopt.workers import Worker, call_all, cores

@@ -9,7 +9,8 @@ import numpy as np
 from energyopt.attempts import Attempt
 from energyopt.optima import Optimum, above, distinct, groups
 from energyopt.search import Search
-from energyopt.searcher import STOP, Searcher, is_promising
+from energyopt.search_state import STOP
+from energyopt.searcher import Searcher, is_promising
 from energyopt.solvers import Outcome
 
 SAME = 1e-4

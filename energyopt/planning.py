@@ -76,7 +76,8 @@ def plan(
             most) where the goal is Cartesian. 1 is a single local search, from the straight motion. Further guesses are tried
             where none of them leads to a valid motion.
         seed: of the random guesses.
-        time_limit: seconds for all searches together; with many ``starts``, as many are tried as three fifths of it allow.
+        time_limit: seconds for all searches together; with many ``starts``, as many are tried as three fifths of it allow. What
+            is valid by then is returned, be it less exact than asked; the first guess is made valid before others are tried.
         guess: a motion to start from, such as the plan of a similar problem; its ends need not be those of the problem, and
             the knots of a spline are taken over. Other guesses follow where it leads to no valid motion, or ``starts`` is more.
         iterations: solver iterations, at most, in one solve.

@@ -15,7 +15,7 @@ from energyopt.optima import above, groups
 from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.plans import Violations
 from energyopt.search import Search
-from energyopt.searcher import STOP
+from energyopt.search_state import STOP
 from energyopt.solvers import Outcome
 from energyopt.verification import is_valid, verify
 
@@ -57,6 +57,7 @@ class Runner:
     Attributes:
         accuracy: of J; None keeps the knots.
         levels: a copy of the search for every level it converged on; reason: why it stopped early, or nothing.
+        late: whether a time limit has passed: from then on motions are looked at only, and nothing is solved.
     """
 
     search: Search
@@ -64,6 +65,7 @@ class Runner:
     judge: Judge
     levels: list[Search] = field(default_factory=list)
     reason: str = ""
+    late: bool = False
     _ended: bool = False
 
     def __post_init__(self):
@@ -83,7 +85,8 @@ class Runner:
             self.search.ease()
             self.search.sketch = False
             self.levels.append(self.search.copy())
-        self._ended = self._ended or not (self.accuracy and self.search.converged) or not self._refine()
+        self.late = self.late or self.search.options.late
+        self._ended = self._ended or self.late or not (self.accuracy and self.search.converged) or not self._refine()
         return not self._ended
 
     def finish(self) -> Search:
@@ -100,11 +103,21 @@ class Runner:
         while self.step():
             pass
         for level in reversed(self.levels):
-            level.harden(self.accuracy)
-            if level.outcome in STOP or self.judge.holds(level):
+            kept, self.late = level.copy(), self.late or level.options.late
+            if not self.late:
+                level.harden(self.accuracy)
+                self.late = level.outcome is Outcome.TIME_LIMIT
+            if level.outcome is Outcome.INTERRUPTED:
+                return level
+            if self.late and self.judge.holds(kept):
+                self.reason = "the time limit has passed"
+                return kept
+            if not self.late and self.judge.holds(level):
                 if level is not self.levels[-1]:
                     self.reason = "a limit or the clearance did not hold on finer knots"
                 return level
+        if self.late:
+            self.levels[-1].outcome = Outcome.TIME_LIMIT
         return self.levels[-1]
 
     def _refine(self) -> bool:
@@ -128,7 +141,13 @@ class Runner:
         return False
 
 
-def winner(searches: Iterable[Search], others: Iterable[Search], accuracy: float | None, judge: Judge) -> Search:
+def winner(
+    searches: Iterable[Search],
+    others: Iterable[Search],
+    accuracy: float | None,
+    judge: Judge,
+    sure: Iterable[Search] = (),
+) -> Search:
     """Of promising searches, refined, the one of least J that holds; where none does, one of the others; else the least bad.
 
     Args:
@@ -136,7 +155,9 @@ def winner(searches: Iterable[Search], others: Iterable[Search], accuracy: float
         others: tried one after another, some of them, until one holds; not looked at before.
         accuracy: of J; None keeps the knots.
         judge: says what holds.
+        sure: refined already, and known to hold.
     """
+    searches = list(searches)
     finished: list[Search] = []
     held: list[Search] = []
 
@@ -146,7 +167,7 @@ def winner(searches: Iterable[Search], others: Iterable[Search], accuracy: float
         stopped = finished[-1].outcome in STOP
         if not stopped and judge.holds(finished[-1]):
             held.append(finished[-1])
-        return stopped
+        return stopped or runner.late
 
     runners = _started(searches, accuracy, judge)
     close = lambda runner: above(runner.objective, runners[0].objective) <= CLOSE
@@ -155,9 +176,18 @@ def winner(searches: Iterable[Search], others: Iterable[Search], accuracy: float
         stopped = ended(Runner(search, accuracy, judge))
         if held or stopped:
             break
-    if held:
+    if stopped and finished[-1].outcome is Outcome.INTERRUPTED:
+        return finished[-1]
+    if stopped and not held:
+        held += [search for search in _cheapest(searches) if judge.holds(search)][:1]
+    if held := [*held, *sure]:
         return min(held, key=lambda s: s.objective)
     return finished[-1] if stopped else min(finished, key=judge.excess)
+
+
+def _cheapest(searches: list[Search]) -> list[Search]:
+    """Some to look at as they are, where there is no time to refine them."""
+    return sorted(searches, key=lambda search: search.objective)[:MOST_RACED]
 
 
 def _started(searches: Iterable[Search], accuracy: float | None, judge: Judge) -> list[Runner]:

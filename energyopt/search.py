@@ -20,6 +20,7 @@ from energyopt.refinement import (
     shortest_span,
 )
 from energyopt.rounds import HINGE_BAND, WARM_BARRIER, Rounds
+from energyopt.search_state import STOP
 from energyopt.solvers import SolverOptions
 from energyopt.transcription import NonlinearProgram, transcribe
 from energyopt.transcription.easing import eased
@@ -123,6 +124,8 @@ class Search(Rounds):
         for _ in range(TAKEN_BACK):
             if not self.clear() and self.stiffness:
                 self.ease(back=True)
+            if self.outcome in STOP:
+                return False
         if self.clear() and self._is_cheap(accuracy):
             return self.converged
         free, unaware = self.objective, not self.stiffness

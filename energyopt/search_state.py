@@ -21,6 +21,8 @@ from energyopt.solvers import Outcome
 from energyopt.transcription import Cuts, NonlinearProgram
 
 GOOD = (Outcome.CONVERGED, Outcome.ACCEPTABLE)
+STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
+"""Outcomes after which nothing more is searched."""
 LEAST_SHARE = 1e-3
 """Share of the guess's J below which the accuracy of J is no longer relative to J itself."""
 
@@ -40,6 +42,11 @@ class SearchOptions:
 
     def remaining(self) -> float | None:
         return None if self.deadline is None else self.deadline - time.monotonic()
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is over."""
+        return self.deadline is not None and time.monotonic() >= self.deadline
 
 
 @dataclass

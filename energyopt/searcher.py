@@ -20,7 +20,7 @@ from energyopt.problem import Problem
 from energyopt.refinement import bisected, rough
 from energyopt.rounds import DEEP
 from energyopt.search import Search
-from energyopt.search_state import SearchOptions, Spent
+from energyopt.search_state import STOP, SearchOptions, Spent
 from energyopt.solvers import Outcome
 from energyopt.transcription import NonlinearProgram
 from energyopt.transcription.penalty import overlap
@@ -156,10 +156,6 @@ class Searcher:
         if not (free and isinstance(motion, SplineTrajectory) and motion.degree == spline.degree):
             return otherwise
         return SplineSpace(motion.breaks, spline.degree, otherwise.nodes)
-
-
-STOP = (Outcome.INTERRUPTED, Outcome.TIME_LIMIT)
-"""Outcomes after which nothing more is searched."""
 
 
 def is_promising(search: Search) -> bool:

@@ -31,6 +31,7 @@ LAYERS = (  # lowest first; docs/concepts.md says what each is for
     "metrics energy",
     "robust following sweeping sweep_text sequence",
     "validation validation_text",
+    "judging",
     "plots plotting report report_energy report_parts report_problem report_scene",
     "workflow batch_files robust_workflow sweep_files",
     "tables",

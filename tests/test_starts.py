@@ -1,6 +1,7 @@
 """Many searches of one plan: which optima are kept apart, which take part in the race, and which of them wins."""
 
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import arms
@@ -183,6 +184,7 @@ class FakeRunner:
     search: Fake
     accuracy: float
     judge: object
+    late: bool = False
     finished: ClassVar[list[float]] = []
 
     @property
@@ -253,6 +255,43 @@ def test_the_others_are_refined_where_none_in_the_race_holds_and_the_least_bad_i
     assert won.objective == 90.0 and FakeRunner.finished == [100.0, 200.0, 90.0]
     nothing = racing.winner([Fake(100.0)], [Fake(200.0), Fake(90.0)], 0.01, FakeJudge((90.0, 100.0, 200.0)))
     assert nothing.objective == 90.0
+
+
+class LateRunner(FakeRunner):
+    """One that a time limit ends."""
+
+    def finish(self):
+        self.late = True
+        return replace(self.search, outcome=Outcome.TIME_LIMIT)
+
+
+def test_when_time_is_over_the_cheapest_that_holds_wins_refined_or_not(monkeypatch):
+    monkeypatch.setattr(racing, "Runner", LateRunner)
+    searches = [Fake(value) for value in (110.0, 100.0, 120.0)]
+    assert racing.winner(searches, unasked(), 0.01, FakeJudge((100.0,))).objective == 110.0
+    assert racing.winner(searches, unasked(), 0.01, FakeJudge((100.0,)), [Fake(105.0)]).objective == 105.0
+    nothing = racing.winner(searches, unasked(), 0.01, FakeJudge((100.0, 110.0, 120.0)))
+    assert nothing.outcome is Outcome.TIME_LIMIT
+
+
+def test_a_runner_that_is_late_solves_nothing_and_keeps_what_holds(solved):
+    made = begun(eo.Problem(arms.pendulum(), [-1.2], [1.0], 1.5), 1)
+    search, before = made.found.searches[0], len(solved)
+    search.options = SearchOptions(deadline=0.0)
+    runner = racing.Runner(search, 0.01, made.judge)
+    done = runner.finish()
+    assert runner.late and len(solved) == before and done.converged and made.judge.holds(done)
+    assert "the time limit has passed" in done.reason
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_where_time_is_limited_the_first_guess_is_made_valid_before_others_are_tried(limited):
+    problem = folding()
+    options = SearchOptions(deadline=time.monotonic() + 1e6 if limited else None)
+    made = campaign.Campaign(problem, FIXED, kernels_of(problem.robot.dynamics), options, 0)
+    best = made.run(6)
+    assert [search.name for search in made._sure] == ["straight"] * limited and all(map(made.judge.holds, made._sure))
+    assert made.judge.holds(best) and best.objective <= min((sure.objective for sure in made._sure), default=np.inf)
 
 
 def test_a_race_is_won_by_the_best_of_what_its_runners_would_reach_alone(folded):
