@@ -67,10 +67,17 @@ def check_guess(problem: Problem, guess: Any) -> None:
     Raises:
         InputError: says what was given.
     """
-    if not isinstance(guess, Trajectory):
-        raise InputError(f"guess is {shown(guess)}: expected a Trajectory, a Plan, or None")
+    guess = _motion(guess)
     if guess.nv != problem.robot.nv:
         raise InputError(f"guess: a motion of {guess.nv} joints; expected {problem.robot.nv}, as {problem.robot.name} has")
+
+
+def _motion(guess: Any) -> Trajectory:
+    """The motion of a guess."""
+    motion = getattr(guess, "trajectory", guess)
+    if not isinstance(motion, Trajectory):
+        raise InputError(f"guess is {shown(guess)}: expected a Trajectory, a Plan, or None")
+    return motion
 
 
 def check_log(plan: Plan, log: ReplayLog | None) -> None:
@@ -136,10 +143,11 @@ def takes(function: Any, count: int) -> bool:
 
 
 _OPTIONS: dict[str, Callable[[str, Any], Any]] = {
-    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, "a whole number of guesses, 1 or more, or None")),
-    "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 or more"),
+    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, f"guesses, 1 to {MOST_STARTS}, or None")),
+    "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 to 2**63 - 1"),
+    "guess": _or_none(lambda key, value: _motion(value)),
     "time_limit": _or_none(_time_limit),
-    "iterations": lambda key, value: whole(key, value, 1, MOST_ITERATIONS, "a whole number, 1 or more"),
+    "iterations": lambda key, value: whole(key, value, 1, MOST_ITERATIONS),
     "path_search": _path_search,
     "verbose": _verbose,
     "throw": _truth,

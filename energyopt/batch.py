@@ -81,7 +81,7 @@ def plan_many(
 
     Args:
         problems: any iterable, such as a generator; items are drawn as they are needed.
-        parameterization, options: as for `plan`; a time limit is for each problem.
+        parameterization, options: as for `plan`; a time limit, and a ``guess``, are for each problem.
         executor: where to plan: an executor of `concurrent.futures`, or a ``dask.distributed.Client``. It stays open.
         processes: worker processes where there is no executor; one a core by default.
         progress: a bar on standard error, where that is a terminal; or a function called with (done, failed, total).
@@ -121,8 +121,10 @@ def plan_each(
     Arguments are checked at once. After Ctrl-C, ``results`` of `BatchInterrupted` are those that were not handed out yet.
     """
     _check(problems, progress, throw, parameterization, options)
-    total = len(problems) if hasattr(problems, "__len__") else None
+    total = _count(problems)
     options = {"parameterization": parameterization, **options}
+    if isinstance(options.get("guess"), Plan):  # its problem need not travel
+        options["guess"] = options["guess"].trajectory
     place = Place.of(executor, processes, total)
     return _each(problems, place, options, (progress, total), throw)
 
@@ -175,8 +177,25 @@ def described(error: BaseException) -> tuple[FailureStatus, str]:
     return FailureStatus.WORKER_LOST if lost else FailureStatus.ERROR, named
 
 
+def _is_iterable(problems: Any) -> bool:
+    """An array of no dimensions, for one, only looks as if it were."""
+    try:
+        iter(problems)
+    except TypeError:
+        return False
+    return True
+
+
+def _count(problems: Iterable) -> int | None:
+    """How many there are, where that is known beforehand."""
+    try:
+        return len(problems)
+    except Exception:  # whatever an object of somebody else's raises
+        return None
+
+
 def _check(problems: Any, progress: Any, throw: Any, parameterization: Any, options: dict) -> None:
-    if isinstance(problems, (Problem, str)) or not isinstance(problems, Iterable):
+    if isinstance(problems, (Problem, str)) or not _is_iterable(problems):
         raise InputError(f"plan_many: problems is {shown(problems)}: expected an iterable of energyopt.Problem, such as a list")
     check_names("plan_many", options, [name for name in signature(plan).parameters if name not in _OWN])
     check_options(BSpline() if parameterization is None else parameterization, {**options, "throw": throw})

@@ -21,6 +21,9 @@ from energyopt.parameterizations.trajectory import Trajectory
 from energyopt.problem import Problem
 
 PER_SPAN = 20
+DIGITS = 8
+"""Decimal places of distances [m] that plans are made with. The library's iteration begins where it ended the last time, so that the
+last digits depend on what was asked before; a plan should not."""
 BETWEEN = "–"
 MOUNTING = 0.01
 """Depth [m] to which an obstacle may reach into links that never move: the table an arm stands on touches its base."""
@@ -51,11 +54,11 @@ def _worst(verdicts: list[Clearance]) -> Clearance | None:
 
 
 def exact_distances(problem: Problem, trajectory: Trajectory, t: np.ndarray, names: tuple[str, str]) -> np.ndarray:
-    """Exact distance [m] of two links, or a link and an obstacle, at times ``t`` (N,); shape (N,)."""
+    """Exact distance [m] of two links, or a link and an obstacle, at times ``t`` (N,), to `DIGITS`; shape (N,)."""
     scene = scene_of(problem.robot, arm_obstacles(problem), checked_pairs(problem), problem.attached)
     own = [k for k, pair in enumerate(scene.pairs) if pair == names]
     q = trajectory(t)
-    return np.array([scene.exact(q[k], t[k], np.array(own)).min() for k in range(len(t))])
+    return np.round([scene.exact(q[k], t[k], np.array(own)).min() for k in range(len(t))], DIGITS)
 
 
 def clearance_of(problem: Problem, trajectory: Trajectory) -> tuple[Finding, float] | None:

@@ -42,7 +42,7 @@ class Place:
         """
         if executor is None:
             most = (
-                whole("processes", processes, 1, MOST_PROCESSES, "a whole number, 1 or more")
+                whole("processes", processes, 1, MOST_PROCESSES)
                 if processes is not None
                 else cores()
             )

@@ -140,6 +140,9 @@ def test_progress_is_told_how_many_ended_and_failed(four):
     ("arguments", "said"),
     [
         ({"problems": 5}, "expected an iterable"),
+        ({"problems": np.array(3)}, "expected an iterable"),
+        ({"guess": 3}, "guess is 3: expected a Trajectory, a Plan, or None"),
+        ({"processes": 10**9}, "a whole number, 1 to 4096"),
         ({"processes": 0}, "processes is 0"),
         ({"processes": 2, "executor": ThreadPoolExecutor(1)}, "both given"),
         ({"executor": "threads"}, "an executor of concurrent.futures, or a dask.distributed.Client"),
@@ -152,6 +155,14 @@ def test_progress_is_told_how_many_ended_and_failed(four):
 def test_arguments_that_make_no_sense_are_refused_before_anything_starts(arguments, said):
     with pytest.raises(eo.InputError, match=said):
         eo.plan_each(**{"problems": [], **arguments})
+
+
+def test_a_guess_is_for_every_problem(four):
+    problems, alone = four
+    for guess in (alone[0], alone[0].trajectory):
+        plans = eo.plan_many(problems[:2], SPLINE, guess=guess, processes=1, progress=False)
+        assert all(plan.solved and plan.options["tried"] == ["given"] for plan in plans)
+        assert same(plans, [eo.plan(problem, SPLINE, guess=guess) for problem in problems[:2]])
 
 
 def test_a_single_problem_is_no_batch(four):

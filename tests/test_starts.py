@@ -344,6 +344,17 @@ def test_torque_rows_of_a_motion_of_free_duration_keep_their_multipliers(solved)
     assert plan.solved and len(kept) > 1 and max(kept) > 50
 
 
+def test_what_was_planned_before_does_not_change_a_bit_of_a_plan():
+    """Exact distances do depend on it: the library that computes them remembers where it ended."""
+    robot, rng = arms.catalogue_robot("panda"), np.random.default_rng(0)
+    goals = [robot.home + rng.uniform(-0.3, 0.3, 7) for _ in range(22)]
+    method, problem = eo.BSpline(control_points=10, accuracy=None), eo.Problem(robot, robot.home, goals[14], 1.5)
+    first = eo.plan(problem, method, starts=6)
+    for k in (0, 7, 21):
+        eo.plan(eo.Problem(robot, robot.home, goals[k], 1.5), method, starts=1, throw=False)
+        assert eo.plan(problem, method, starts=6).objective == first.objective
+
+
 def test_knots_that_hold_no_motion_are_given_up_after_a_few_guesses_before_any_process_is_started(two_workers):
     limits = {"velocity_limits": 3.0, "acceleration_limits": 20.0}
     problem = eo.Problem(arms.two_link(), [0.3, -0.2], [-0.5, 0.9], 0.58, **limits)
