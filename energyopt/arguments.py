@@ -143,7 +143,7 @@ def takes(function: Any, count: int) -> bool:
 
 
 _OPTIONS: dict[str, Callable[[str, Any], Any]] = {
-    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, f"guesses, 1 to {MOST_STARTS}, or None")),
+    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, f"a whole number of guesses, 1 to {MOST_STARTS}, or None")),
     "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 to 2**63 - 1"),
     "guess": _or_none(lambda key, value: _motion(value)),
     "time_limit": _or_none(_time_limit),

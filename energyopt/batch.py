@@ -27,6 +27,7 @@ from energyopt.plans import Plan
 from energyopt.problem import Problem
 from energyopt.problem_values import shown
 from energyopt.progress import Counter, told
+from energyopt.readable import Readable
 from energyopt.serving import WorkerError, WorkerLost, no_more_processes
 
 _OWN = ("problem", "parameterization", "verbose", "throw")
@@ -45,8 +46,8 @@ class FailureStatus(str, Enum):
     """Ctrl-C came first."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlanFailure:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanFailure(Readable):
     """The result of a problem that has no plan; `status`, `message`, `solved` and `problem` are there as in a `Plan`.
 
     Attributes:
@@ -61,6 +62,9 @@ class PlanFailure:
     status: FailureStatus
     message: str
     error: BaseException | None = None
+
+    def in_brief(self) -> str:
+        return f"{self.status.value}, number {self.number}: {self.message}"
 
     @property
     def solved(self) -> bool:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from energyopt.batch import FailureStatus, described
-from energyopt.errors import FileError
+from energyopt.errors import EnergyOptError, FileError
 from energyopt.io import load_task, write_atomic
 from energyopt.io.find import find_problem
 from energyopt.ordered import Interrupted, Job, in_order
@@ -87,6 +87,21 @@ def problem_files(given: Iterable[str]) -> list[Path]:
             raise FileError(f"{folder}: no .toml file there; expected a folder of problem files")
         found += inside
     return list({path.resolve(): path for path in found}.values())
+
+
+def check_overrides(files: Iterable[Path], overrides: Mapping[str, Any]) -> None:
+    """Refuse, before any work, values that are wrong whatever the file: those that make a good file a bad one.
+
+    Raises:
+        EnergyOptError: says which.
+    """
+    for path in files if overrides else ():
+        try:
+            load_task(path)
+        except EnergyOptError:
+            continue  # what is wrong with a file is said in its row
+        load_task(path, overrides)
+        return
 
 
 def plan_files(

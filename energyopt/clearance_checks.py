@@ -22,8 +22,8 @@ from energyopt.problem import Problem
 
 PER_SPAN = 20
 DIGITS = 8
-"""Decimal places of distances [m] that plans are made with. The library's iteration begins where it ended the last time, so that the
-last digits depend on what was asked before; a plan should not."""
+"""Decimal places of distances [m] that plans are made with. The library's iteration begins where it ended the last time, so that
+the last digits depend on what was asked before; a plan should not."""
 BETWEEN = "–"
 MOUNTING = 0.01
 """Depth [m] to which an obstacle may reach into links that never move: the table an arm stands on touches its base."""

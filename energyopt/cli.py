@@ -13,6 +13,10 @@ from energyopt.cli_commands import COMMANDS
 from energyopt.cli_parser import make_parser
 from energyopt.errors import EnergyOptError
 from energyopt.exit_codes import BAD_INPUT, BROKEN_PIPE, INTERRUPTED
+from energyopt.stopping import say_at_the_end
+
+SAID = "energyopt: interrupted"
+"""After Ctrl-C."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # terminals without Greek letters get a question mark
+    say_at_the_end(SAID)
     try:
         parsed = make_parser().parse_args(arguments)
         code = COMMANDS[parsed.command](parsed)
@@ -29,7 +34,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except KeyboardInterrupt:
-        print("energyopt: interrupted", file=sys.stderr)
         return INTERRUPTED
     except EnergyOptError as error:
         print(f"energyopt: error: {' '.join(str(error).split())}", file=sys.stderr)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from energyopt.errors import FileError
 from energyopt.exit_codes import INTERRUPTED, INVALID, VALID
+from energyopt.stopping import say_at_the_end
 
 if TYPE_CHECKING:
     from energyopt.plans import Plan
@@ -30,12 +31,14 @@ def _plan(parsed: argparse.Namespace) -> int:
 
 def _batch(parsed: argparse.Namespace) -> int:
     """Plan many problem files and print a line for each."""
-    from energyopt.batch_files import plan_files, problem_files
+    from energyopt.batch_files import check_overrides, plan_files, problem_files
     from energyopt.tables import batch_line, batch_total
 
+    paths, overrides = problem_files(parsed.problems), _overrides(parsed)
+    check_overrides(paths, overrides)
     show = (lambda row: None) if parsed.quiet else (lambda row: print(batch_line(row), flush=True))
     options = {"processes": parsed.processes, "replay": not parsed.no_replay, "progress": not parsed.quiet}
-    rows = plan_files(problem_files(parsed.problems), parsed.out, overrides=_overrides(parsed), show=show, **options)
+    rows = plan_files(paths, parsed.out, overrides=overrides, show=show, **options)
     if not parsed.quiet:
         print(batch_total(rows, parsed.out))
     return VALID if all(row.valid for row in rows) else INVALID
@@ -49,18 +52,22 @@ def _sweep(parsed: argparse.Namespace) -> int:
     """Print the energy–time curve, and write it."""
     from energyopt.io import load_task
     from energyopt.planning import DEFAULTS
+    from energyopt.sweep_files import write_sweep
     from energyopt.sweeping import sweep
+    from energyopt.workflow import prepare_folder
 
     problem, options = load_task(parsed.problem)
     known = {key: value for key, value in options.items() if key in (*DEFAULTS, "parameterization")}
-    curve = sweep(problem, parsed.duration, processes=parsed.processes, **known)
-    print(curve)
     if parsed.out is not None:
-        from energyopt.sweep_files import write_sweep
-
-        figures = not (parsed.no_figures or curve.interrupted)  # whoever interrupts wants an end
-
-        print("files: " + ", ".join(str(path) for path in write_sweep(curve, parsed.out, figures)))
+        prepare_folder(parsed.out)  # before hours of work
+    curve = sweep(problem, parsed.duration, processes=parsed.processes, **known)
+    figures = not (parsed.no_figures or curve.interrupted)  # whoever interrupts wants an end
+    files = () if parsed.out is None else write_sweep(curve, parsed.out, figures)
+    if curve.interrupted and files:
+        say_at_the_end(f"energyopt: interrupted; what there is of the curve is in {parsed.out}")
+    print(curve)
+    if files:
+        print("files: " + ", ".join(map(str, files)))
     if curve.interrupted:
         return INTERRUPTED
     return VALID if any(point.solved for point in curve.points) else INVALID

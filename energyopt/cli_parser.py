@@ -157,9 +157,9 @@ def _durations(text: str) -> np.ndarray:
 
     try:
         first, last, count = text.split(":")
-        times = np.linspace(float(first), float(last), int(count))
-        if 1 <= len(times) <= 1000 and np.all(times > 0) and np.all(np.isfinite(times)):
-            return times
+        ends = np.array([first, last], dtype=float)
+        if 1 <= int(count) <= 1000 and np.all(ends > 0) and np.all(np.isfinite(ends)):
+            return np.linspace(*ends, int(count))
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"'{text[:80]}': expected FROM:TO:COUNT in seconds, such as 0.8:4:20, 1000 at most")

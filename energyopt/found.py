@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from energyopt.attempts import Attempt
-from energyopt.optima import Optimum, above, distinct, groups
+from energyopt.optima import HINGED_OBJECTIVE, SAME_OBJECTIVE, Optimum, above, distinct, groups
 from energyopt.search import Search
 from energyopt.search_state import STOP
 from energyopt.searcher import Searcher, is_promising
@@ -154,7 +154,8 @@ class Found:
         """All distinct ones, best first, with links kept apart as far as that was looked at."""
         ends = {id(one): self._end(members) for members in self._optima() for one in members}
         items = [(one.search.name, ends[id(one)] or one.search) for one in self.tried if id(one) in ends]
-        return distinct([(end.objective, name, end.trajectory) for name, end in items], seed)
+        same = HINGED_OBJECTIVE if any(end.stiffness for _, end in items) else SAME_OBJECTIVE
+        return distinct([(end.objective, name, end.trajectory) for name, end in items], seed, same)
 
     def _optima(self) -> list[list[Tried]]:
         """What promising searches ended in one optimum, least J first; in the order of the guesses."""

@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 
 from energyopt.parameterizations.trajectory import Trajectory
+from energyopt.readable import Readable, counted
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-3, 0.1
 """Relative difference of J, and distance in any joint at any time [rad or m], up to which two motions are the same optimum."""
+HINGED_OBJECTIVE = 0.1
+"""The same for motions with links kept apart: by penalties of several stiffnesses, whose share in J differs by that much."""
 SAMPLES = 50
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(Readable):
     """A local optimum that guesses led to.
 
     Attributes:
@@ -36,6 +39,9 @@ class Optimum:
     guesses: int
     seed: int
     trajectory: Trajectory
+
+    def in_brief(self) -> str:
+        return f"J {self.objective:.6g}, {counted(self.guesses, 'guess', 'es')}, first '{self.guess}'"
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -72,12 +78,17 @@ def groups(objectives: Sequence[float], motions: Sequence[Trajectory], same: flo
     return [sorted(members) for _, _, members in found]
 
 
-def distinct(found: Sequence[tuple[float, str, Trajectory]], seed: int) -> tuple[Optimum, ...]:
-    """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first."""
+def distinct(
+    found: Sequence[tuple[float, str, Trajectory]], seed: int, same: float = SAME_OBJECTIVE
+) -> tuple[Optimum, ...]:
+    """Optima among (J, name of the guess, motion) in the order of the guesses, of which the first stands for each; best first.
+
+    ``same``: as for `groups`.
+    """
     objectives, names, motions = zip(*found, strict=True) if found else ((), (), ())
     optima = [
         Optimum(objectives[first], names[first], len(more) + 1, seed, motions[first])
-        for first, *more in groups(objectives, motions)
+        for first, *more in groups(objectives, motions, same)
     ]
     return tuple(sorted(optima, key=lambda optimum: optimum.objective))
 

@@ -20,6 +20,6 @@ class Readable:
         printer.text(str(self) if printer.indentation == 0 and not cycle else repr(self))
 
 
-def counted(number: int, noun: str) -> str:
+def counted(number: int, noun: str, ending: str = "s") -> str:
     """Such as ``1 joint`` and ``7 joints``."""
-    return f"{number} {noun}{'s' * (number != 1)}"
+    return f"{number} {noun}{ending * (number != 1)}"

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 from energyopt.exit_codes import INTERRUPTED
@@ -24,7 +24,8 @@ PATIENCE = 0.33
 WRITING = 0.1
 """Seconds more, at most, for files that are being written. A slower disk lacks the last of them then, but none is cut."""
 
-_files = threading.Lock()
+_files, _saying = threading.Lock(), threading.Lock()
+_last_words: list[str] = []
 
 
 @contextmanager
@@ -32,6 +33,20 @@ def whole_files() -> Iterator[None]:
     """Around the writing of files that belong together: the process does not end inside, if that takes no more than `WRITING`."""
     with _files:
         yield
+
+
+def say_at_the_end(words: str) -> None:
+    """What to say on standard error when Ctrl-C ends the process, in place of what was to be said before; "" says nothing."""
+    with _saying:
+        _last_words[:] = [words] if words else []
+
+
+def _say_last_words() -> None:
+    with _saying:
+        words = _last_words.pop() if _last_words else ""
+    if words:
+        with suppress(OSError):  # nobody may be listening; not by sys.stderr, which the main thread may be holding
+            os.write(2, f"{words}\n".encode())
 
 
 def run(command: Callable[[], int]) -> NoReturn:
@@ -78,12 +93,14 @@ class _Ear:
         self.heard = True  # whoever else handles the signal now, as a solve does, may keep it to himself
         time.sleep(PATIENCE)
         _files.acquire(timeout=WRITING)
+        _say_last_words()
         os._exit(INTERRUPTED)
 
     def leave(self, code: int | str | None) -> NoReturn:
         """End the process: at once after Ctrl-C, since another thread may be inside a solve that nobody waits for."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         if self.heard or code == INTERRUPTED:
+            _say_last_words()
             for stream in (sys.stdout, sys.stderr):
                 stream.flush()
             os._exit(INTERRUPTED)

@@ -26,17 +26,19 @@ def write_sweep(sweep: Sweep, out: Path, figures: bool = True) -> tuple[Path, ..
     """
     prepare_folder(out)
     rows = sweep_rows(sweep)
-    contents = {"sweep.csv": _table(rows), "sweep.json": _json(sweep, rows)}
-    if figures:
-        from energyopt.plotting import plot_sweep
-
-        image = io.BytesIO()
-        plot_sweep(sweep).savefig(image, format="png", dpi=150)
-        contents["sweep.png"] = image.getvalue()
     with whole_files():
-        for name, content in contents.items():
-            write_atomic(out / name, content)
-    return tuple(out / name for name in contents)
+        (out / FILES[2]).unlink(missing_ok=True)  # that of an earlier sweep
+        write_atomic(out / FILES[0], _table(rows))
+        write_atomic(out / FILES[1], _json(sweep, rows))
+    if not figures:
+        return tuple(out / name for name in FILES[:2])
+    from energyopt.plotting import plot_sweep
+
+    image = io.BytesIO()
+    plot_sweep(sweep).savefig(image, format="png", dpi=150)
+    with whole_files():
+        write_atomic(out / FILES[2], image.getvalue())
+    return tuple(out / name for name in FILES)
 
 
 def _table(rows: list[dict[str, Any]]) -> bytes:

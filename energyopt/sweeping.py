@@ -139,7 +139,8 @@ def sweep(
     check_options(parameterization, given)
     most = cores() if processes is None else whole("sweep: processes", processes, 1, MOST_PROCESSES)
     follower = Follower(problem, parameterization, given)
-    points = tuple(_point(problem, found) for found in follower.optima(times, most))
+    found = follower.optima(times, most)
+    points = tuple(_point(problem, one, compared=not follower.interrupted) for one in found)
     if not any(point.solved for point in points):
         if follower.interrupted:
             raise KeyboardInterrupt
@@ -173,12 +174,13 @@ def _checked(durations: Sequence[float]) -> np.ndarray:
     return times
 
 
-def _point(problem: Problem, found: Found) -> SweepPoint:
+def _point(problem: Problem, found: Found, compared: bool) -> SweepPoint:
+    """What there is at one duration, ``compared`` with ordinary motions or not: whoever interrupts wants an end."""
     plan, pinned = found.plan, problem.lasting(found.duration)
     valid = plan is not None and plan.solved
     goal = plan.trajectory(plan.duration) if valid else problem.goal_position
     others = {}
-    for kind in BASELINES if goal is not None and not found.interrupted else ():
+    for kind in BASELINES if goal is not None and compared else ():
         motion = baseline(pinned, kind, goal=goal)
         others[kind] = energy_measures(pinned, motion) | {"holds": float(limits_hold(verify(pinned, motion, distances=False)))}
     why = found.why or ("" if valid else plan.message)

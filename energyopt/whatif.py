@@ -225,7 +225,8 @@ def what_if_problem(base: Problem, **changes: Any) -> Problem:
     """
     for key in changes:
         if key not in (*OF_THE_ROBOT, *OF_THE_PROBLEM):
-            raise ProblemError(f"what_if: no change is named '{key}'; {did_you_mean(key, (*OF_THE_ROBOT, *OF_THE_PROBLEM))}")
+            known = did_you_mean(key, (*OF_THE_ROBOT, *OF_THE_PROBLEM))
+            raise ProblemError(f"what_if: no change is named '{key}'; {known}; fields of Problem can be changed too")
     of_problem = {key: value for key, value in changes.items() if key in OF_THE_PROBLEM}
     of_robot = {key: value for key, value in changes.items() if key in OF_THE_ROBOT}
     if of_robot:

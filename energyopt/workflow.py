@@ -21,7 +21,7 @@ from energyopt.io import save_plan, write_atomic, write_csv, write_joint_traject
 from energyopt.plans import Plan, Status
 from energyopt.problem import Problem
 from energyopt.readable import Readable
-from energyopt.stopping import whole_files
+from energyopt.stopping import say_at_the_end, whole_files
 from energyopt.versions import versions
 
 if TYPE_CHECKING:
@@ -88,6 +88,8 @@ def run(
     plan = plan_motion(problem, verbose=verbose, throw=False, **options)
     if out is not None:
         _write_motion(plan, out)  # at once: whatever happens to what follows, the motion is kept
+        if plan.status is Status.INTERRUPTED:
+            say_at_the_end(f"energyopt: interrupted; the best motion so far is {out / 'plan.npz'}")
     figures = figures and plan.status is not Status.INTERRUPTED  # whoever interrupts wants an end
     outcome = _judged(plan, replay and plan.solved, {})
     return outcome if out is None else _with_files(outcome, out, figures)

@@ -228,9 +228,32 @@ def test_ctrl_c_ends_with_130_and_keeps_the_best_motion(tmp_path):
     process.send_signal(signal.SIGINT)
     error = process.communicate(timeout=60)[1]
     assert process.returncode == 130
-    assert "Traceback" not in error
+    assert "Traceback" not in error and error.splitlines()[-1].startswith("energyopt: interrupted")
+    if (out / "plan.npz").exists():
+        assert error.splitlines()[-1].endswith(f"the best motion so far is {out / 'plan.npz'}")
     if (out / "summary.json").exists():  # not where Ctrl-C came while kernels were still compiled
         assert json.loads((out / "summary.json").read_text())["status"] == "INTERRUPTED"
+
+
+def test_a_sweep_refuses_its_folder_before_it_begins(tmp_path, capsys, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("energyopt.sweeping.sweep", lambda *_, **__: pytest.fail("it has begun"))
+    assert main(["sweep", "ur5_pick", "--duration", "1:2:3", "--out", str(tmp_path / "file")]) == 2
+    assert "is a file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("durations", ["1:inf:3", "1:nan:3", "0:2:3", "1:2:0", "1:2:1001", "1:2"])
+def test_durations_that_make_no_sense_are_one_line(durations, capsys, recwarn):
+    with pytest.raises(SystemExit) as ended:
+        main(["sweep", "ur5_pick", "--duration", durations])
+    assert ended.value.code == 2 and capsys.readouterr().err.count("\n") <= 3 and not recwarn.list
+
+
+def test_options_that_are_wrong_for_every_file_of_a_batch_end_it_before_it_begins(task, tmp_path, capsys):
+    out = tmp_path / "o"
+    assert main(["batch", str(task), "--starts", "0", "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert "starts is 0" in error and error.count("\n") == 1 and not out.exists()
 
 
 def test_robust_prints_cases_and_replays_and_writes_them(results, tmp_path, capsys):

@@ -89,14 +89,18 @@ def _usual_compiler() -> tuple[str, ...] | None:
 def cache_folder() -> Path:
     """The folder of compiled kernels: $ENERGYOPT_CACHE, else ~/.cache/energyopt; a temporary one where those are read-only."""
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    for candidate in filter(None, (os.environ.get("ENERGYOPT_CACHE"), os.path.join(home, "energyopt"))):
+    asked = os.environ.get("ENERGYOPT_CACHE")
+    for candidate in filter(None, (asked, os.path.join(home, "energyopt"))):
         folder = Path(candidate)
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if _owned(folder) and os.access(folder, os.W_OK | os.X_OK):
-                return folder
-        except OSError:
-            pass
+            fault = "" if _owned(folder) and os.access(folder, os.W_OK | os.X_OK) else "others can write it, or its owner cannot"
+        except OSError as error:
+            fault = error.strerror or str(error)
+        if not fault:
+            return folder
+        if candidate == asked:
+            log.warning("energyopt: ENERGYOPT_CACHE is '%s', which cannot be used (%s); another folder is", asked, fault)
     shared = Path(tempfile.gettempdir()) / f"energyopt-{os.getuid()}"
     try:
         shared.mkdir(mode=0o700, exist_ok=True)

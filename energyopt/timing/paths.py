@@ -35,6 +35,8 @@ def as_path(path: Trajectory | ArrayLike, robot: RobotModel) -> Trajectory:
     Raises:
         ProblemError: fewer than two different configurations, numbers that are not finite, or another number of joints.
     """
+    if not isinstance(robot, RobotModel):
+        raise ProblemError(f"robot is {shown(robot)}: expected what energyopt.load_robot gives")
     if isinstance(path, Trajectory):
         if path.nv != robot.nv:
             raise ProblemError(f"path: a motion of {path.nv} joints; expected {robot.nv}, as {robot.name} has")
