@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from energyopt.simulation.log import ReplayLog
 
 MOST_STARTS, MOST_ITERATIONS = 100_000, 1_000_000
+STARTS_EXPECTED = f"a whole number of guesses, 1 to {MOST_STARTS}, or None"
 PATH_SEARCHES = ("auto", "built-in", "ompl")
 """What may look for ways around obstacles."""
 
@@ -143,7 +144,7 @@ def takes(function: Any, count: int) -> bool:
 
 
 _OPTIONS: dict[str, Callable[[str, Any], Any]] = {
-    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, f"a whole number of guesses, 1 to {MOST_STARTS}, or None")),
+    "starts": _or_none(lambda key, value: whole(key, value, 1, MOST_STARTS, STARTS_EXPECTED)),
     "seed": lambda key, value: whole(key, value, 0, 2**63 - 1, "a whole number, 0 to 2**63 - 1"),
     "guess": _or_none(lambda key, value: _motion(value)),
     "time_limit": _or_none(_time_limit),

@@ -26,8 +26,8 @@ TORQUE_BACKOFF = 2e-5
 """Rows are this much inside the limit, so that the torque between them stays within the excess."""
 RATE_STEP = 2e-4
 """Distance of the two samples of a rate, as a share of their span: their mean rate is the rate at a point."""
-RATE_BACKOFF = 3e-4
-"""Rate rows are this much inside the limit."""
+RATE_BACKOFF, RATE_EXCESS = 3e-4, -1e-4
+"""Rate rows are this much inside the limit; and the relative excess at a sample that calls for rows: between two it is higher."""
 KINEMATIC_EXCESS = 2e-7
 """Absolute excess of a sampled kinematic limit that calls for a row."""
 TIGHTENED = 1e-3
@@ -42,6 +42,7 @@ class Cuts:
         torque: (time, joint) pairs; rates: (start time, end time, joint); samples: (derivative order, time, joint);
         clearance: least distances [m] by (time, a, b), pairs as in `collision`.
         inside: by how much sampled rows are inside their limits, by derivative order, (4,).
+        rate_inside: the same of rows of torque rates, as a share of the limit, besides `RATE_BACKOFF`.
     """
 
     torque: set[tuple[float, int]] = field(default_factory=set)
@@ -49,12 +50,14 @@ class Cuts:
     samples: set[tuple[int, float, int]] = field(default_factory=set)
     clearance: dict[tuple[float, int, int], float] = field(default_factory=dict)
     inside: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    rate_inside: float = 0.0
 
     def __len__(self) -> int:
         return len(self.torque) + len(self.rates) + len(self.samples) + len(self.clearance)
 
     def copy(self) -> Cuts:
-        return Cuts(set(self.torque), set(self.rates), set(self.samples), dict(self.clearance), self.inside.copy())
+        kinds = set(self.torque), set(self.rates), set(self.samples), dict(self.clearance)
+        return Cuts(*kinds, self.inside.copy(), self.rate_inside)
 
     def stretched(self, factor: float) -> Cuts:
         """The same rows of a motion that takes ``factor`` times as long."""
@@ -65,6 +68,7 @@ class Cuts:
             {(order, t * f, i) for order, t, i in self.samples},
             {(t * f, a, b): distance for (t, a, b), distance in self.clearance.items()},
             self.inside.copy(),
+            self.rate_inside,
         )
 
     def add_violated(
@@ -74,15 +78,15 @@ class Cuts:
 
         Args:
             everywhere: the kinematic limits hold for all t by construction.
-            tighten: move sampled rows inside their limits by twice what the motion now exceeds these by, if that is little. A
-                motion that runs along a limit evades rows at points by ever less, but for ever.
+            tighten: move sampled rows, and those of torque rates, inside their limits by twice what the motion now exceeds these
+                by, if that is little. A motion that runs along a limit evades rows at points by ever less, but for ever.
         """
         before = len(self)
         times = trajectory.sample_times(PER_SPAN)
         tau = kernels.torque(np.concatenate([trajectory(times, order) for order in range(3)], axis=1))
         self._add_torque(times, np.abs(tau) / problem.limits.torque - 1.0)
         if np.any(np.isfinite(problem.limits.torque_rate)):
-            self._add_rates(problem, trajectory, kernels)
+            self._add_rates(problem, trajectory, kernels, tighten)
         if not everywhere:
             for order in range(4):
                 self._add_samples(order, trajectory, limits_of_order(problem.limits, order), tighten)
@@ -98,7 +102,7 @@ class Cuts:
         inverse = np.array([1.0 / (problem.limits.torque_rate[i] * (t1 - t0)) for t0, t1, i in rates])
         pair_row = len(torque) + np.arange(len(rates))
         joints = np.array([i for *_, i in rates], int)
-        bound = np.concatenate([limit, np.full(len(rates), 1.0 - RATE_BACKOFF)])
+        bound = np.concatenate([limit, np.full(len(rates), 1.0 - RATE_BACKOFF - self.rate_inside)])
         return TorqueRows(
             times=times,
             row=np.concatenate([np.arange(len(torque)), pair_row, pair_row]).astype(int),
@@ -128,7 +132,7 @@ class Cuts:
             self.torque.update((float(t), int(i)) for t in times[_stretches(excess[:, i], TORQUE_EXCESS)])
         self.torque.update((float(t), int(i)) for t, i in _vertices(times, excess, TORQUE_EXCESS))
 
-    def _add_rates(self, problem: Problem, trajectory: Trajectory, kernels: Kernels) -> None:
+    def _add_rates(self, problem: Problem, trajectory: Trajectory, kernels: Kernels, tighten: bool) -> None:
         """Pairs of samples a tiny step apart, inside one span, where the rate between them is too high."""
         width = np.diff(trajectory.breaks)[:, None]
         first = trajectory.breaks[:-1, None] + width * np.linspace(0.0, 1.0 - RATE_STEP, PER_SPAN + 1)
@@ -136,8 +140,12 @@ class Cuts:
         states = np.concatenate([trajectory(pairs.ravel(), order) for order in range(3)], axis=1)
         tau = kernels.torque(states).reshape(*pairs.shape, -1)
         rate = np.abs(tau[:, 1] - tau[:, 0]) / (pairs[:, 1] - pairs[:, 0])[:, None]
-        for i, excess in enumerate((rate / problem.limits.torque_rate - 1.0).T):
-            self.rates.update((*map(float, pairs[k]), i) for k in _stretches(excess, 0.0, stride=5))
+        beyond = rate / problem.limits.torque_rate - 1.0
+        worst = beyond.max() - RATE_EXCESS
+        if tighten and 0.0 < worst < TIGHTENED:
+            self.rate_inside = max(self.rate_inside, 2.0 * worst)
+        for i, excess in enumerate(beyond.T):
+            self.rates.update((*map(float, pairs[k]), i) for k in _stretches(excess, RATE_EXCESS, stride=5))
 
     def _add_samples(self, order: int, trajectory: Trajectory, limits: tuple[np.ndarray, np.ndarray], tighten: bool) -> None:
         """The exact extrema of a derivative that lie outside its limits (nv,)."""

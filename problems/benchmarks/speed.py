@@ -176,7 +176,7 @@ def _goals(results: dict, parsed) -> list[Goal]:
     """Stated for the Panda on 12 to 16 even control points."""
     if parsed.robot != "panda" or not 12 <= parsed.control_points <= 16:
         return []
-    goals = [Goal(f"solve, {c} time", 1e3 * results["seconds"][c]["solve"]["median"], 35.0, "ms") for c in CLOCKS]
+    goals = [Goal(f"solve, {c} time", 1e3 * results["seconds"][c]["solve"]["median"], 20.0, "ms") for c in CLOCKS]
     fair = [rival for name, rival in results["textbook"].items() if name in TEXTBOOK]
     for clock in CLOCKS:
         ratios = [rival["ratio"][clock]["median"] for rival in fair if rival["same_optimum"]]
