@@ -122,7 +122,14 @@ def plan_each(
 ) -> Iterator[Plan | PlanFailure]:
     """As `plan_many`, one result after another: what the caller does not keep is not kept. Workers end with the iterator.
 
-    Arguments are checked at once. After Ctrl-C, ``results`` of `BatchInterrupted` are those that were not handed out yet.
+    Args:
+        problems, parameterization, executor, processes, progress, throw, options: as for `plan_many`; they are checked at once.
+
+    Yields:
+        one result a problem, in the order of the problems.
+
+    Raises:
+        InputError, NoSolutionFound: as `plan_many`. BatchInterrupted: Ctrl-C; its ``results`` were not handed out yet.
     """
     _check(problems, progress, throw, parameterization, options)
     total = _count(problems)

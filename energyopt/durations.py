@@ -74,6 +74,9 @@ def minimum_duration(
         robot: the arm. limits: in place of its own.
         start_speed, goal_speed: ds/dt at the ends (of a motion that starts or ends at rest: of its length), zero by default.
 
+    Returns:
+        seconds.
+
     Raises:
         InputError: no path, one outside the position limits, or one that the arm cannot be held still on.
     """
@@ -89,6 +92,12 @@ def duration_bounds(problem: Problem) -> DurationBounds:
 
     Args:
         problem: what is asked. Waypoints with a time are as if they had none.
+
+    Returns:
+        DurationBounds: least time [s] with the joint that needs it, and a time known to be feasible, or why none is.
+
+    Raises:
+        InputError: no problem.
     """
     check_problem("duration_bounds", problem)
     legs = [leg for leg, _ in legs_of(problem.lasting(problem.durations[1]), problem.goal_position)]

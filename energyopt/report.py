@@ -54,7 +54,7 @@ def report_page(plan: Plan, log: ReplayLog | None, report: ValidationReport) -> 
     name = plan.problem.name or "A motion"
     parts = [
         _header(plan, report, name),
-        _headline(plan, report),
+        _headline(report),
         _baselines(plan, report),
         _figure("How it moves", plot_metrics(plan, log), "over-time", "Power, acceleration, energy and velocity over time."),
         *energy_sections(plan, report),
@@ -91,7 +91,7 @@ def _header(plan: Plan, report: ValidationReport, name: str) -> str:
     )
 
 
-def _headline(plan: Plan, report: ValidationReport) -> str:
+def _headline(report: ValidationReport) -> str:
     ours, other = report.plan_metrics, report.baselines[REFERENCE]
     held = "" if other.within_limits else ", which breaks its limits"
     tight = min(report.violations.margin, key=report.violations.margin.get, default="")

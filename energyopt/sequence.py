@@ -117,6 +117,9 @@ def plan_sequence(
         dwells: seconds the arm has to rest after each move, one number a move or one for all.
         parameterization, options: as for `plan`, for every move.
 
+    Returns:
+        SequencePlan: a plan a move, waits [s], and what another second would save.
+
     Raises:
         InputError: the moves do not fit each other, or the time is too short. NoSolutionFound: a move has no valid plan.
         KeyboardInterrupt: Ctrl-C; there is no half of a sequence.

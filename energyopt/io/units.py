@@ -6,7 +6,7 @@ joints stay metres, and torques, friction and weights keep their units (NÂ·m, NÂ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,6 @@ from energyopt.robots import RobotModel
 ANGULAR = ("position", "velocity", "acceleration", "jerk")
 """Limits that are angles or their derivatives."""
 DEGREE = float(np.pi / 180.0)
-
-Factor = Callable[[str], float]
-"""What a number of the file is multiplied with, by joint name."""
 
 
 def joint_factors(robot: RobotModel, angles: str) -> np.ndarray:

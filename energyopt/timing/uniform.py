@@ -180,6 +180,9 @@ def uniform_scaling(
         velocity_weight: λ of J, one number or one a joint. torque_weights: w.
         rate: cost of every second besides [N²·m²].
 
+    Returns:
+        UniformScaling: `objective` of a duration, the `cheapest` and the `least_duration`.
+
     Raises:
         InputError: the motion is none, or of another arm; a weight makes no sense.
     """
